@@ -1,0 +1,1 @@
+"""The Salp Chain Locomotion Domain: a chain must take a target pose."""

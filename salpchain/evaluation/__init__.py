@@ -1,0 +1,1 @@
+"""Trials of a controller on any length, and their statistics."""

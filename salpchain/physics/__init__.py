@@ -1,0 +1,1 @@
+"""Dynamics of chains of units and links. Knows no task."""

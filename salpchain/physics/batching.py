@@ -1,0 +1,101 @@
+"""How a function written for the batch's last axis is called with one chain, or under `jax.vmap`.
+
+On a CPU loops over a long last axis are several times faster than over the two coordinates of a
+point, so the engine wants the batch last. Nobody outside this package sees that.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+
+
+def over_the_batch(core: Callable[..., Any]) -> Callable[..., Any]:
+    """`core(static, *trees)`, whose arrays have the batch last, as a function of one chain.
+
+    `static` is hashable and fixed at compile time. Under any nesting of `jax.vmap` the batch axes
+    are merged into one and `core` is called once. Scalars that are the same for the whole batch
+    reach it as scalars.
+    """
+
+    @functools.wraps(core)
+    def one(static: Any, *trees: Any) -> Any:
+        return _for_one(core, static)(*trees)
+
+    return one
+
+
+@functools.cache
+def _for_one(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
+    many = _for_many(core, static)
+
+    @custom_vmap
+    def one(*trees: Any) -> Any:
+        alone = jax.tree.map(lambda x: x[None] if jnp.ndim(x) else x, trees)
+        return jax.tree.map(lambda x: x[0], many(*alone))
+
+    @one.def_vmap
+    def _(size: int, batched: Any, *trees: Any) -> Any:
+        out = many(*jax.tree.map(functools.partial(_spread, size), trees, tuple(batched)))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return one
+
+
+@functools.cache
+def _for_many(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
+    """`core` for arrays whose batch axis is first; a further batch axis is merged with it."""
+
+    @custom_vmap
+    def many(*trees: Any) -> Any:
+        last = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, trees)
+        return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), core(static, *last))
+
+    @many.def_vmap
+    def _(size: int, batched: Any, *trees: Any) -> Any:
+        flags = tuple(batched)
+        inner = _inner_size(trees, flags)
+        merged = jax.tree.map(functools.partial(_merge, size, inner), trees, flags)
+        out = jax.tree.map(lambda x: x.reshape(size, inner, *x.shape[1:]), many(*merged))
+        return out, jax.tree.map(lambda _: True, out)
+
+    return many
+
+
+def _spread(size: int, leaf: Any, batched: bool) -> Any:
+    """The leaf with a batch axis in front; an unbatched scalar stays a scalar."""
+    if batched or jnp.ndim(leaf) == 0:
+        return leaf
+    return jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
+
+
+def _inner_size(trees: Any, flags: Any) -> int:
+    pairs = zip(jax.tree.leaves(trees), jax.tree.leaves(flags), strict=True)
+    return next(x.shape[int(b)] for x, b in pairs if jnp.ndim(x) > int(b))
+
+
+def _merge(size: int, inner: int, leaf: Any, batched: bool) -> Any:
+    """(size, inner, ...) as (size * inner, ...), whatever of the two axes the leaf has."""
+    if not batched:
+        leaf = _spread(size, leaf, False)
+    elif jnp.ndim(leaf) == 1:
+        leaf = jnp.broadcast_to(leaf[:, None], (size, inner))
+    return leaf.reshape(size * inner, *leaf.shape[2:]) if jnp.ndim(leaf) else leaf
+
+
+@custom_vmap
+def anywhere(flag: jax.Array) -> jax.Array:
+    """Whether the flag is true for any chain of the batch: one answer for all.
+
+    A `jax.lax.cond` on it stays a branch under `jax.vmap`, so rare work is done only when some
+    chain needs it.
+    """
+    return flag
+
+
+@anywhere.def_vmap
+def _(size: int, batched: Any, flag: jax.Array) -> Any:
+    return anywhere(jnp.any(flag, axis=0)), False

@@ -1,0 +1,179 @@
+"""A chain of units and links: its state, its constants, and one control step of its dynamics."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+from numpy import pi
+
+from salpchain.physics.batching import over_the_batch
+from salpchain.physics.crowd import advance
+from salpchain.physics.engine import Load, Motion, Rig
+
+
+class Bodies(eqx.Module):
+    """Rigid bodies in the plane."""
+
+    position: Float[Array, "body 2"]  # m, world
+    angle: Float[Array, " body"]  # rad, anticlockwise from +x, not wrapped
+    velocity: Float[Array, "body 2"]  # m/s, world
+    angular_velocity: Float[Array, " body"]  # rad/s
+
+
+class Chain(eqx.Module):
+    """n units, the n-1 links between them, and the masks that say which of them exist.
+
+    A link acts where `linked` is true and both its units are `present`. A masked slot exerts
+    nothing, feels nothing and stays where it is, so chains of many lengths, and chains that
+    split, are one compiled program.
+    """
+
+    units: Bodies
+    links: Bodies
+    rest_angle: Float[Array, "link 2"]  # rad, link angle minus the angle of its two units at rest
+    present: Bool[Array, " unit"]
+    linked: Bool[Array, " link"]
+
+    @property
+    def joined(self) -> Bool[Array, " link"]:
+        """Links that act: linked, with both units present."""
+        return self.linked & self.present[:-1] & self.present[1:]
+
+
+class Physics(eqx.Module):
+    """Constants of the dynamics; the defaults are the paper's world in VMAS 1.5.2.
+
+    Every field but `substeps` may be a traced scalar, so that constants can be randomised.
+
+    Raises:
+        ValueError: a constant that cannot be, named with its unit.
+    """
+
+    unit_length: float = 0.04  # m, along the chain
+    unit_width: float = 0.05  # m, across the chain
+    unit_mass: float = 1.0  # kg
+    link_length: float = 0.07  # m, between the centres of two units
+    link_mass: float = 1.0  # kg
+    joint_stiffness: float = 900.0  # N/m
+    angle_stiffness: float = 0.1  # N m
+    contact_stiffness: float = 1500.0  # N/m
+    contact_gap: float = 4 / 600  # m, boxes closer than this repel (VMAS LINE_MIN_DIST)
+    softness: float = 1e-3  # m, width of the soft onset of joint and contact (VMAS contact_margin)
+    drag: float = 0.25  # share of every velocity lost at the start of a control step
+    control_step: float = 0.1  # s
+    substeps: int = eqx.field(default=15, static=True)
+
+    def __check_init__(self) -> None:
+        for name, unit in _POSITIVE.items():
+            value = getattr(self, name)
+            if isinstance(value, int | float) and not value > 0:
+                raise ValueError(f"Physics.{name} must be positive ({unit}), got {value}")
+        if isinstance(self.drag, int | float) and not 0 <= self.drag < 1:
+            raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
+
+
+_POSITIVE = {
+    "unit_length": "m",
+    "unit_width": "m",
+    "unit_mass": "kg",
+    "link_length": "m",
+    "link_mass": "kg",
+    "joint_stiffness": "N/m",
+    "contact_stiffness": "N/m",
+    "softness": "m",
+    "control_step": "s",
+    "substeps": "count",
+}
+
+
+def at_rest(
+    position: Float[Array, "unit 2"],
+    angle: Float[Array, " unit"],
+    present: Bool[Array, " unit"] | None = None,
+    linked: Bool[Array, " link"] | None = None,
+) -> Chain:
+    """A motionless chain through these unit poses, every link between its two units' centres.
+
+    The angles that links and units have now become the rest angles. Joints are closed where
+    neighbours are one link length apart.
+    """
+    ahead = position[1:] - position[:-1]
+    link_angle = jnp.arctan2(ahead[:, 1], ahead[:, 0])
+    sides = jnp.stack([link_angle - angle[:-1], link_angle - angle[1:]], axis=-1)
+    ones = jnp.ones_like(angle, dtype=bool)
+    return Chain(
+        units=_still(position, angle),
+        links=_still((position[1:] + position[:-1]) / 2, link_angle),
+        rest_angle=sides,
+        present=ones if present is None else present,
+        linked=ones[1:] if linked is None else linked,
+    )
+
+
+def _still(position: Float[Array, "body 2"], angle: Float[Array, " body"]) -> Bodies:
+    return Bodies(position, angle, jnp.zeros_like(position), jnp.zeros_like(angle))
+
+
+def heading(angle: Float[Array, " unit"]) -> Float[Array, "unit 2"]:
+    """Unit vectors in which a positive thrust pushes: the unit's angle + 90 degrees."""
+    return jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=-1)
+
+
+def wrap(angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    """The same angle in [-pi, pi)."""
+    return jnp.mod(angle + pi, 2 * pi) - pi
+
+
+def step(
+    chain: Chain,
+    thrust: Float[Array, " unit"],
+    physics: Physics | None = None,
+    fence: Float[Array, ""] | float | None = None,
+    contact: bool = True,
+) -> Chain:
+    """The chain one control step (0.1 s) later, under a thrust (N) held for the whole step.
+
+    Arithmetic of VMAS 1.5.2 `World.step`: semi-implicit Euler in substeps, drag once at the
+    start. `fence` (m) clamps all positions to abs(x), abs(y) <= fence; None leaves it off.
+    Written for one chain; under `jax.vmap` the whole batch steps together with the batch as
+    the last axis, and contact costs nothing while no pair of units in the batch is near.
+    """
+    moved = _step(contact, chain, thrust, physics or Physics(), fence)
+    return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links)), chain, moved)
+
+
+@over_the_batch
+def _step(
+    contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Array
+) -> list[Array]:
+    """The fields of units and links after `step`, for a batch whose axis is last in every array."""
+    rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
+    units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
+    push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
+    moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
+    return [field for motion in moved for field in _fields(motion)]
+
+
+def _motion(bodies: Bodies, alive: Array) -> Motion:
+    """Bodies with the two coordinates first; dead slots at rest."""
+
+    def still(velocity: Array) -> Array:
+        return jnp.where(alive, velocity, 0.0)
+
+    return Motion(
+        jnp.swapaxes(bodies.position, 0, 1),
+        bodies.angle,
+        still(jnp.swapaxes(bodies.velocity, 0, 1)),
+        still(bodies.angular_velocity),
+    )
+
+
+def _fields(motion: Motion) -> tuple[Array, ...]:
+    """The fields of `Bodies`, in their order."""
+    position, velocity = (jnp.swapaxes(x, 0, 1) for x in (motion.position, motion.velocity))
+    return position, motion.angle, velocity, motion.angular_velocity
+
+
+def _across(angle: Array) -> Array:
+    """`heading` with the coordinates first."""
+    return jnp.stack([-jnp.sin(angle), jnp.cos(angle)])

@@ -1,0 +1,123 @@
+"""Contact of units: boxes that repel when closer than a small gap (VMAS 1.5.2, box against box).
+
+Arrays have the batch last: vectors are (2, unit, batch). Each unit has a list of partners, other units
+that it may touch, and sums what they exert on it.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from salpchain.physics.engine import Load, Motion
+from salpchain.physics.joints import softplus
+
+CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+
+
+def touching_distance(physics: Any) -> Any:
+    """Distance of centres (m) above which two units never touch: VMAS compares bounding circles."""
+    return jnp.sqrt(physics.unit_length**2 + physics.unit_width**2)
+
+
+def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Motion) -> Load:
+    """What their partners exert on all units; the shapes are looked at only where some are near."""
+    other = jnp.stack([_at(x, partner) for x in units.position])
+    offset = other - units.position[:, None]
+    near = rig.present & _at(rig.present, partner) & (partner != _own(partner))
+    near &= _square(offset) <= touching_distance(rig.physics) ** 2
+
+    def load() -> Load:
+        turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
+        other_turn = jnp.stack([_at(x, partner) for x in turn])
+        force, torque = _box_against_box(rig.physics, offset, turn[:, None], other_turn)
+        force, torque = jnp.where(near, force, 0.0), jnp.where(near, torque, 0.0)
+        return Load(force.sum(axis=1), torque.sum(axis=0))
+
+    def nothing() -> Load:
+        return Load(jnp.zeros_like(units.position), jnp.zeros_like(units.angle))
+
+    return jax.lax.cond(near.any(), load, nothing)
+
+
+def _at(x: Float[Array, "unit batch"], partner: Int[Array, "partner unit batch"]) -> Array:
+    return jax.vmap(lambda p: jnp.take_along_axis(x, p, axis=0))(partner)
+
+
+def _own(partner: Int[Array, "partner unit batch"]) -> Array:
+    return jnp.arange(partner.shape[1])[:, None]
+
+
+def _box_against_box(
+    physics: Any, offset: Array, turn: Array, other_turn: Array
+) -> tuple[Float[Array, "2 partner unit batch"], Float[Array, "partner unit batch"]]:
+    """Force (N) and torque (N m) on a box at the origin, by a box of the same size at `offset`.
+
+    The closest points of two separate convex polygons are a corner of one and a point of the
+    other. Boxes whose sides cross exert nothing on each other: VMAS finds the same point twice.
+    """
+    half = (physics.unit_length / 2, physics.unit_width / 2)
+    best = _closest(half, offset, turn, other_turn)
+    gap, here, normal = best
+    size = physics.contact_stiffness * physics.softness * _soft_depth(physics, gap)
+    acts = (gap <= physics.contact_gap) & ~_overlap(half, offset, turn, other_turn)
+    force = jnp.where(acts, size, 0.0) * normal
+    return force, here[0] * force[1] - here[1] * force[0]
+
+
+def _soft_depth(physics: Any, gap: Array) -> Array:
+    return softplus(jnp.maximum(physics.contact_gap - gap, 0.0) / physics.softness)
+
+
+def _closest(
+    half: Any, offset: Array, turn: Array, other_turn: Array
+) -> tuple[Array, Array, Array]:
+    """Gap, point on the box at the origin, and the unit vector from the other's point to it."""
+    candidates = []
+    for corner in CORNERS:
+        mine = _to_world((corner[0] * half[0], corner[1] * half[1]), turn)
+        theirs = _clamp(half, _to_box(mine - offset, other_turn))
+        candidates.append((mine, offset + _to_world(theirs, other_turn)))
+        tip = offset + _to_world((corner[0] * half[0], corner[1] * half[1]), other_turn)
+        candidates.append((_to_world(_clamp(half, _to_box(tip, turn)), turn), tip))
+    here, there = candidates[0]
+    for mine, theirs in candidates[1:]:
+        closer = _square(mine - theirs) < _square(here - there)
+        here, there = jnp.where(closer, mine, here), jnp.where(closer, theirs, there)
+    between = here - there
+    gap = jnp.sqrt(_square(between))
+    return gap, here, between / jnp.maximum(gap, 1e-9)
+
+
+def _square(vector: Array) -> Array:
+    return vector[0] ** 2 + vector[1] ** 2
+
+
+def _to_world(point: Any, turn: Array) -> Array:
+    return jnp.stack(
+        [point[0] * turn[0] - point[1] * turn[1], point[0] * turn[1] + point[1] * turn[0]]
+    )
+
+
+def _to_box(point: Array, turn: Array) -> Array:
+    return jnp.stack(
+        [point[0] * turn[0] + point[1] * turn[1], point[1] * turn[0] - point[0] * turn[1]]
+    )
+
+
+def _clamp(half: Any, point: Array) -> tuple[Array, Array]:
+    return (jnp.clip(point[0], -half[0], half[0]), jnp.clip(point[1], -half[1], half[1]))
+
+
+def _overlap(half: Any, offset: Array, turn: Array, other_turn: Array) -> Array:
+    """Whether two boxes of the same size overlap: no side of either separates them."""
+    cosine = jnp.abs(turn[0] * other_turn[0] + turn[1] * other_turn[1])
+    sine = jnp.abs(turn[0] * other_turn[1] - turn[1] * other_turn[0])
+    along = half[0] + half[0] * cosine + half[1] * sine
+    across = half[1] + half[0] * sine + half[1] * cosine
+    inside = jnp.ones_like(cosine, dtype=bool)
+    for box in (turn, other_turn):
+        place = _to_box(offset, box)
+        inside &= (jnp.abs(place[0]) < along) & (jnp.abs(place[1]) < across)
+    return inside

@@ -1,0 +1,1 @@
+"""PPO on many chains at once, compiled as one program for each iteration."""
