@@ -1,6 +1,6 @@
-"""Contact of units: boxes that repel when closer than a small gap (VMAS 1.5.2, box against box).
+"""Contact of units: boxes that repel when closer than a small gap (VMAS 1.5.2).
 
-Arrays have the batch last: vectors are (2, unit, batch). Each unit has a list of partners, other units
+Arrays have the batch last: vectors are (2, unit, batch). Each unit has a list of partners, others
 that it may touch, and sums what they exert on it.
 """
 

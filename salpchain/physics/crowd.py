@@ -100,7 +100,7 @@ def _held(rig: Rig, shift: int | Array) -> Bool[Array, "unit batch"]:
 def _within_reach(
     rig: Rig, units: Motion, shift: int | Array, held: Bool[Array, "unit batch"] | None
 ) -> Bool[Array, "unit batch"]:
-    """Units that may touch the unit `shift` slots further on, counted round, in this control step."""
+    """Units that may touch the one `shift` slots on, counted round, in this control step."""
     gap, rush = (_ahead(x, shift) - x for x in (units.position, units.velocity))
     square = gap[0] ** 2 + gap[1] ** 2
     touching = touching_distance(rig.physics)

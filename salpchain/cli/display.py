@@ -1,0 +1,78 @@
+"""Progress on the terminal: a live line there, a plain line now and then elsewhere."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from salpchain.training.config import TrainConfig
+from salpchain.training.trainer import Progress as TrainProgress
+from salpchain.training.trainer import Watch
+
+PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
+
+
+@contextmanager
+def training_display(config: TrainConfig) -> Iterator[Watch]:
+    """A watcher that shows steps, steps/s, success, closed fraction and time left."""
+    console = Console()
+    console.print(
+        f"training {config.control.model} on {config.control.graph}, {config.task.length} units,"
+        f" preset {config.preset}, seed {config.seed}: compiling"
+    )
+    if not console.is_terminal:
+        yield _plain(console)
+        return
+    with _bar(console) as bar:
+        task = bar.add_task("", total=config.iterations * config.ppo.batch, speed="", score="")
+
+        def watch(now: TrainProgress) -> None:
+            bar.update(task, completed=now.steps, speed=_speed(now), score=_score(now))
+
+        yield watch
+
+
+def _bar(console: Console) -> Progress:
+    return Progress(
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TextColumn("steps  {task.fields[speed]}  {task.fields[score]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        console=console,
+        refresh_per_second=4,
+    )
+
+
+def _plain(console: Console) -> Watch:
+    last = -PLAIN_EVERY
+
+    def watch(now: TrainProgress) -> None:
+        nonlocal last
+        if time.monotonic() - last < PLAIN_EVERY and now.steps < now.total:
+            return
+        last = time.monotonic()
+        line = f"{now.steps:>9,} / {now.total:,} steps  {_speed(now)}  {_score(now)}"
+        console.print(f"{line}  {now.seconds_left:.0f} s left", highlight=False)
+
+    return watch
+
+
+def _speed(now: TrainProgress) -> str:
+    return f"{now.steps_per_second:,.0f} steps/s"
+
+
+def _score(now: TrainProgress) -> str:
+    if now.success is None or now.closed_fraction is None:
+        return "no episode has ended yet"
+    return f"success {100 * now.success:.0f} %  closed {100 * now.closed_fraction:.0f} %"

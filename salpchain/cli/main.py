@@ -1,0 +1,131 @@
+"""The command `salpchain`: finds the subcommand, reads its options, prints errors as one line."""
+
+import contextlib
+import difflib
+import io
+import os
+import re
+import sys
+from importlib import import_module
+from typing import Any
+
+from salpchain import __version__
+from salpchain.errors import InputError
+
+COMMANDS = {
+    "train": ("Train", "train one controller on chains of one length"),
+    "evaluate": ("Evaluate", "test a policy, unchanged, on chains of many lengths"),
+    "figure": ("Figure", "draw learning curves or zero-shot curves"),
+    "models": ("Models", "list the controllers and their parameter counts"),
+    "bench": ("Bench", "measure the speed of physics and environment on this machine"),
+    "demo": ("Demo", "train, test and draw in one go: what `make demo` runs"),
+}
+
+HELP = """usage: salpchain COMMAND [OPTIONS]
+
+Simulate chains of salp-inspired swimming units, and train one controller that steers a chain
+of any length.
+
+commands:
+{commands}
+
+options:
+  --help, -h   this page; `salpchain COMMAND --help` is the page of a command
+  --version    the version
+
+example:
+  salpchain train --length 8 --out runs/eight
+  salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
+  salpchain figure zero-shot results/eight --out figures/zero-shot.png
+"""
+
+
+def main() -> None:
+    """Runs the command line of this process and exits: 0 done, 2 bad input, 130 interrupted."""
+    try:
+        sys.exit(run(sys.argv[1:]))
+    except BrokenPipeError:  # whoever read our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+
+
+def run(arguments: list[str]) -> int:
+    """Runs a command line; returns the exit status."""
+    try:
+        return _dispatch(arguments)
+    except InputError as error:
+        return _fail(str(error))
+    except OSError as error:
+        where = f": {error.filename}" if error.filename else ""
+        return _fail(f"{(error.strerror or str(error)).lower()}{where}")
+
+
+def _dispatch(arguments: list[str]) -> int:
+    if not arguments or arguments[0] in ("--help", "-h", "help"):
+        print(_help())
+        return 0
+    if arguments[0] == "--version":
+        print(f"salpchain {__version__}")
+        return 0
+    name, *rest = arguments
+    if name not in COMMANDS:
+        raise InputError(
+            f"unknown command {name!r}: choose one of {', '.join(COMMANDS)}{_close(name, COMMANDS)}"
+        )
+    module = import_module(f"salpchain.cli.{name}")
+    options = _read(getattr(module, COMMANDS[name][0]), name, rest)
+    return 0 if options is None else (module.run(options) or 0)
+
+
+def _help() -> str:
+    lines = (f"  {name:<10} {text}" for name, (_, text) in COMMANDS.items())
+    return HELP.format(commands="\n".join(lines)).rstrip()
+
+
+def _read(kind: Any, name: str, arguments: list[str]) -> Any:
+    """The options of a command, or None after printing its help.
+
+    Raises:
+        InputError: an unknown option, or one without its value.
+    """
+    import tyro
+
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            options, odd = tyro.cli(
+                kind,
+                prog=f"salpchain {name}",
+                args=arguments,
+                return_unknown_args=True,
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )
+    except SystemExit as stop:
+        if not stop.code:
+            return None
+        raise InputError(f"salpchain {name}: {_one_line(said.getvalue())}") from None
+    if odd:
+        names = [f"--{field}".replace("_", "-") for field in kind.__dataclass_fields__]
+        raise InputError(f"salpchain {name}: unknown argument {odd[0]!r}{_close(odd[0], names)}")
+    return options
+
+
+def _one_line(box: str) -> str:
+    """The first sentence of a boxed error message."""
+    lines = [re.sub(r"[│╭╮╰╯─]", " ", line).strip() for line in box.splitlines()]
+    text = " ".join(line for line in lines[1:] if line)
+    return re.sub(r"\s+", " ", re.split(r"For full helptext|Argument helptext|Got errors", text)[0])
+
+
+def _close(name: str, known: Any) -> str:
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f" (perhaps {near[0]})" if near else ""
+
+
+def _fail(message: str) -> int:
+    print(f"salpchain: error: {' '.join(message.split())}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""What several commands read from their options."""
+
+from salpchain.errors import InputError
+
+
+def whole(name: str, text: str) -> int | None:
+    """The whole number that an option holds; None where it was left out.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if text == "":
+        return None
+    try:
+        return int(text.replace("_", ""))
+    except ValueError:
+        raise InputError(f"--{name} must be a whole number, got {text!r}") from None
+
+
+def number(name: str, text: str) -> int:
+    """`whole` for an option that cannot be left out."""
+    value = whole(name, text)
+    if value is None:
+        raise InputError(f"--{name} must be a whole number, got nothing")
+    return value
+
+
+def positive(name: str, text: str) -> int:
+    """`number`, at least 1."""
+    value = number(name, text)
+    if value < 1:
+        raise InputError(f"--{name} must be at least 1, got {value}")
+    return value

@@ -1,0 +1,98 @@
+"""`salpchain train`."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from salpchain.cli.options import whole
+from salpchain.errors import InputError
+from salpchain.training import presets, run_folder
+from salpchain.training.config import TrainConfig
+
+Whole = Annotated[str, tyro.conf.arg(metavar="INT")]
+Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train one controller on chains of one length with PPO.
+
+    The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
+    checkpoint, policy.safetensors and summary.json. A run that was stopped or killed goes on with
+    --resume, bit for bit as if it had never stopped.
+
+    Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
+    """
+
+    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = ""
+    """Folder of the run; must be new or empty, or a run to --resume. Required."""
+    preset: Name = ""
+    """quick (ours: 95 % success in minutes; default) or paper (the paper's Table 2)."""
+    model: Name = ""
+    """Controller: gcn (default)."""
+    graph: Name = ""
+    """Who listens to whom: mixed (itself and its neighbours; default) or full (everyone)."""
+    observation: Name = ""
+    """body (a unit's own view; quick) or table1 (the paper's 24 numbers; paper)."""
+    length: Whole = ""
+    """Number of units, 2 to 512. Default: 8."""
+    seed: Whole = ""
+    """Seed of all randomness. Default: 0."""
+    steps: Whole = ""
+    """Chain-steps in all. Default: the preset's (quick: 1,000,000)."""
+    resume: bool = False
+    """Go on with the run in --out from its last checkpoint."""
+
+
+def run(options: Train) -> int:
+    """Trains, or goes on training; 130 when interrupted."""
+    if not options.out:
+        raise InputError("salpchain train needs --out FOLDER, the folder of the run")
+    folder = Path(options.out)
+    config = _config(options, folder)
+    if not options.resume:
+        run_folder.check_free(folder)
+    from salpchain.cli.display import training_display
+    from salpchain.training.trainer import NotFinite, resume, train
+
+    try:
+        with training_display(config) as watch:
+            summary = resume(folder, watch) if options.resume else train(config, folder, watch)
+    except KeyboardInterrupt:
+        print(f"stopped; saved. Go on with: salpchain train --resume --out {folder}")
+        return 130
+    except NotFinite as error:
+        print(f"salpchain: error: {error}", file=sys.stderr)
+        return 1
+    _report(summary, folder)
+    return 0
+
+
+def _asked(options: Train) -> dict[str, Any]:
+    """What was given, None for what was left out."""
+    names = {"model": options.model, "graph": options.graph, "observation": options.observation}
+    return {
+        **{name: value or None for name, value in names.items()},
+        **{name: whole(name, getattr(options, name)) for name in ("length", "seed", "steps")},
+    }
+
+
+def _config(options: Train, folder: Path) -> TrainConfig:
+    asked = _asked(options)
+    if not options.resume:
+        return presets.choose(options.preset or "quick", **asked)
+    config, _ = run_folder.read_config(folder)
+    odd = run_folder.contradictions(config, {**asked, "preset": options.preset or None})
+    if odd:
+        raise InputError(f"--resume goes on with the settings of {folder}, but {odd[0]}")
+    return config
+
+
+def _report(summary: dict[str, Any], folder: Path) -> None:
+    success = summary["success"]
+    rate = "no episode ended" if success is None else f"success {100 * success:.1f} %"
+    print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s: {rate} at the end")
+    print(f"test it on other lengths with: salpchain evaluate {folder}")

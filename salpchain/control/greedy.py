@@ -1,0 +1,29 @@
+"""The hand-written baseline: each unit thrusts towards its own target point (DESIGN section 6)."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from salpchain.control.policy import PolicyCard
+from salpchain.domain.scld import State
+from salpchain.physics.chain import heading
+
+PULL = 5.0  # N per metre of error along the heading
+DAMPING = 2.0  # N per m/s along the heading
+
+
+class Greedy(eqx.Module):
+    """thrust = clip(5 e.h - 2 v.h): e the error to the own target point, h the heading."""
+
+    @property
+    def card(self) -> PolicyCard:
+        """Works at any length; was never trained."""
+        return PolicyCard(name="greedy")
+
+    def act(self, state: State) -> Float[Array, "unit 1"]:
+        """One number for each unit in [-1, 1], whatever it may observe."""
+        units = state.chain.units
+        ahead = heading(units.angle)
+        error = jnp.sum((state.target - units.position) * ahead, axis=-1)
+        speed = jnp.sum(units.velocity * ahead, axis=-1)
+        return jnp.clip(PULL * error - DAMPING * speed, -1.0, 1.0)[:, None]

@@ -1,0 +1,68 @@
+"""What steers a chain: a learned policy or a hand-written controller, behind one interface."""
+
+from dataclasses import asdict, dataclass
+from typing import Protocol
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from salpchain.control.actor_critic import ActorCritic
+from salpchain.control.config import ControlConfig
+from salpchain.domain.config import (
+    ACTION_SIZES,
+    OBSERVATION_SIZES,
+    Action,
+    Observation,
+    check_length,
+    one_of,
+)
+from salpchain.domain.scld import State
+
+
+@dataclass(frozen=True)
+class PolicyCard:
+    """What one must know to run a policy.
+
+    Raises:
+        InputError: an unknown model, graph, observation or action.
+    """
+
+    name: str = "gcn"
+    control: ControlConfig = ControlConfig()
+    observation: Observation = "body"
+    action: Action = "thrust"
+    length: int = 8  # units in training
+    steps: int = 0  # chain-steps of training
+
+    def __post_init__(self) -> None:
+        one_of("observation", self.observation, OBSERVATION_SIZES)
+        one_of("action", self.action, ACTION_SIZES)
+        check_length(self.length)
+
+    def as_dict(self) -> dict[str, object]:
+        """The card as plain JSON values."""
+        return asdict(self)
+
+
+class Controller(Protocol):
+    """Anything that steers a chain."""
+
+    @property
+    def card(self) -> PolicyCard:
+        """Its name, and the observation and action that it speaks."""
+        ...
+
+    def act(self, state: State) -> Float[Array, "unit act"]:
+        """The action of every unit in this state; pure, for one chain."""
+        ...
+
+
+class Policy(eqx.Module):
+    """A learned controller; acts with the mean of its distribution."""
+
+    network: ActorCritic
+    card: PolicyCard = eqx.field(static=True)
+
+    def act(self, state: State) -> Float[Array, "unit act"]:
+        """Mean actions."""
+        return self.network.act(state.obs, state.chain.present, state.chain.joined)

@@ -1,0 +1,61 @@
+"""Policies as files: weights with all that one must know to run them. Data only, never code."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax.random as jr
+
+from salpchain.control.actor_critic import ActorCritic, actor_critic
+from salpchain.control.config import ControlConfig
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.errors import InputError
+from salpchain.files import read_arrays, write_arrays
+from salpchain.trees import from_arrays, to_arrays
+
+KIND = "policy"
+VERSION = 1
+POLICY_FILE = "policy.safetensors"
+
+
+def save_policy(policy: Policy, path: Path) -> None:
+    """The policy as one file, atomically.
+
+    Raises:
+        OSError: the folder is missing or not writable, or the disk is full.
+    """
+    write_arrays(path, KIND, VERSION, policy.card.as_dict(), to_arrays(policy.network))
+
+
+def load(source: str | Path) -> Policy:
+    """The policy in a file, or in the run folder of a training.
+
+    Raises:
+        InputError: no such file or folder; damaged, altered or from a newer version.
+    """
+    path = Path(source)
+    if path.is_dir():
+        path = path / POLICY_FILE
+        if not path.exists():
+            raise InputError(f"{source} is not a run folder with a policy: it has no {POLICY_FILE}")
+    header, arrays = read_arrays(path, KIND, VERSION)
+    card = _card(header, path)
+    network = from_arrays(network_shapes(card), arrays, str(path))
+    return Policy(network, card)
+
+
+def network_shapes(card: PolicyCard) -> ActorCritic:
+    """The network of such a policy with shapes for arrays."""
+    sizes = OBSERVATION_SIZES[card.observation], ACTION_SIZES[card.action]
+    return eqx.filter_eval_shape(actor_critic, jr.key(0), card.control, *sizes, card.length)
+
+
+def _card(header: dict[str, Any], path: Path) -> PolicyCard:
+    known = {field.name for field in fields(PolicyCard)}
+    try:
+        control = ControlConfig(**header["control"])
+        return PolicyCard(**{**{k: header[k] for k in known}, "control": control})
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{path} has a header that does not describe a policy ({error})") from None

@@ -1,0 +1,70 @@
+"""Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from salpchain.errors import InputError
+
+Observation = Literal["body", "table1"]
+Action = Literal["thrust", "pair"]
+TimeLimit = Literal["fixed", "scaled"]
+
+SHORTEST, LONGEST = 2, 512  # units
+ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
+OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24}
+FIXED_LIMIT = 512  # control steps (the paper's)
+STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
+
+
+@dataclass(frozen=True)
+class TaskConfig:
+    """The Salp Chain Locomotion Domain, as one run plays it.
+
+    Raises:
+        InputError: a setting that cannot be, with what would be right.
+    """
+
+    length: int = 8  # number of units; the slots of a batch that mixes lengths
+    observation: Observation = "body"
+    action: Action = "thrust"
+    time_limit: TimeLimit = "fixed"
+    fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
+    contact: bool = True  # units collide
+    fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
+
+    def __post_init__(self) -> None:
+        check_length(self.length)
+        one_of("observation", self.observation, OBSERVATION_SIZES)
+        one_of("action", self.action, ACTION_SIZES)
+        one_of("time limit", self.time_limit, ("fixed", "scaled"))
+        if not self.fine_weight >= 0:
+            raise InputError(f"fine weight must be 0 or more, got {self.fine_weight}")
+
+
+def check_length(length: int) -> int:
+    """The length itself.
+
+    Raises:
+        InputError: it is not a number of units that a chain can have.
+    """
+    if not isinstance(length, int) or isinstance(length, bool):
+        raise InputError(f"length must be a whole number of units, got {length!r}")
+    if not SHORTEST <= length <= LONGEST:
+        raise InputError(f"length must be {SHORTEST} to {LONGEST} units, got {length}")
+    return length
+
+
+def one_of(what: str, given: object, known: object) -> None:
+    """Nothing, if `given` is among the known names.
+
+    Raises:
+        InputError: it is not; the message lists the names.
+    """
+    names = list(known)  # type: ignore[call-overload]
+    if given not in names:
+        raise InputError(f"unknown {what} {given!r}: choose one of {', '.join(names)}")
+
+
+def step_limit(time_limit: TimeLimit, length: int) -> int:
+    """Control steps until an episode of this length is truncated."""
+    return FIXED_LIMIT if time_limit == "fixed" else max(FIXED_LIMIT, STEPS_PER_UNIT * length)

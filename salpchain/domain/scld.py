@@ -1,0 +1,199 @@
+"""The Salp Chain Locomotion Domain: a chain of thrusting units must take a target pose.
+
+Pure functions in the manner of Brax: `reset(key) -> State`, `step(State, action) -> State`, written
+for one chain and batched with `jax.vmap`. Source: paper section 3.1; DESIGN section 4.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from salpchain.domain.config import (
+    ACTION_SIZES,
+    FIXED_LIMIT,
+    OBSERVATION_SIZES,
+    STEPS_PER_UNIT,
+    TaskConfig,
+)
+from salpchain.domain.observation import OBSERVATIONS
+from salpchain.domain.pose import spawn, target_pose
+from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
+from salpchain.physics.chain import Chain, Physics, step
+
+FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
+
+
+class State(eqx.Module):
+    """One episode after some step, with what the last step gave."""
+
+    chain: Chain
+    target: Float[Array, "unit 2"]  # m, one point for each unit
+    thrust: Float[Array, " unit"]  # N, of the last step
+    distances: Distances
+    start_distance: Float[Array, ""]  # m, mean distance at reset
+    time: Int[Array, ""]  # control steps since reset
+    obs: Float[Array, "unit feature"]
+    reward: Float[Array, ""]  # weighted sum of the terms
+    terms: Terms
+    terminated: Bool[Array, ""]  # goal reached, or at the fence: nothing follows
+    truncated: Bool[Array, ""]  # out of time: the episode would have gone on
+    key: PRNGKeyArray  # of the next episode
+
+    @property
+    def done(self) -> Bool[Array, ""]:
+        """Whether the episode is over, for either reason."""
+        return self.terminated | self.truncated
+
+    @property
+    def goal(self) -> Bool[Array, ""]:
+        """Whether the target pose is taken."""
+        return self.terms.goal > 0
+
+    @property
+    def length(self) -> Int[Array, ""]:
+        """Number of units present."""
+        return self.chain.present.sum()
+
+    @property
+    def closed_fraction(self) -> Float[Array, ""]:
+        """1 - mean distance now / mean distance at reset."""
+        return 1.0 - self.distances.mean / self.start_distance
+
+
+class SCLD(eqx.Module):
+    """The domain with its settings and the constants of its physics."""
+
+    config: TaskConfig = eqx.field(default_factory=TaskConfig, static=True)
+    physics: Physics = eqx.field(default_factory=Physics)
+
+    @property
+    def action_size(self) -> int:
+        """Numbers that a unit's action has."""
+        return ACTION_SIZES[self.config.action]
+
+    @property
+    def observation_size(self) -> int:
+        """Numbers that a unit observes."""
+        return OBSERVATION_SIZES[self.config.observation]
+
+    def reset(self, key: PRNGKeyArray, length: int | Array | None = None) -> State:
+        """A new episode: the chain straight and at rest, every joint closed, a random target.
+
+        A `length` below `config.length` leaves the last slots dead; it may be traced.
+        """
+        spawn_key, target_key, next_key = jr.split(key, 3)
+        slots = self.config.length
+        length = slots if length is None else length
+        chain = spawn(spawn_key, slots, length)
+        target = target_pose(target_key, slots, length)
+        return self.start(chain, target, next_key)
+
+    def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
+        """A new episode from a chain and a target of one's own."""
+        zero, no = jnp.float32(0), jnp.zeros((), bool)
+        thrust = jnp.zeros_like(chain.units.angle)
+        now = distances(chain, target)
+        return State(
+            chain=chain,
+            target=target,
+            thrust=thrust,
+            distances=now,
+            start_distance=now.mean,
+            time=jnp.int32(0),
+            obs=self.observe(chain, target, thrust),
+            reward=zero,
+            terms=Terms(zero, zero, zero),
+            terminated=no,
+            truncated=no,
+            key=key,
+        )
+
+    def step(self, state: State, action: Float[Array, "unit act"]) -> State:
+        """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart."""
+        thrust = self.thrust(state.chain, action)
+        fence = FENCE_PER_UNIT * state.length if self.config.fence else None
+        chain = step(state.chain, thrust, self.physics, fence, self.config.contact)
+        now = distances(chain, state.target)
+        goal = reached(chain, state.target)
+        terms = reward_terms(state.distances, now, goal)
+        time = state.time + 1
+        return State(
+            chain=chain,
+            target=state.target,
+            thrust=thrust,
+            distances=now,
+            start_distance=state.start_distance,
+            time=time,
+            obs=self.observe(chain, state.target, thrust),
+            reward=terms.approach + terms.goal + self.config.fine_weight * terms.fine,
+            terms=terms,
+            terminated=goal | _at_fence(chain, fence),
+            truncated=time >= self.step_limit(state.length),
+            key=state.key,
+        )
+
+    def observe(self, chain: Chain, target: Array, thrust: Array) -> Float[Array, "unit feature"]:
+        """What the units see."""
+        return OBSERVATIONS[self.config.observation](chain, target, thrust)
+
+    def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
+        """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]
+        and takes forward minus backward (paper equation 9)."""
+        clipped = jnp.clip(action, -1.0, 1.0)
+        if self.config.action == "thrust":
+            thrust = clipped[:, 0]
+        else:
+            thrust = (clipped[:, 0] - clipped[:, 1]) / 2
+        return jnp.where(chain.present, thrust, 0.0)
+
+    def step_limit(self, length: int | Array) -> Int[Array, ""] | int:
+        """Control steps until truncation; traceable twin of `config.step_limit`."""
+        if self.config.time_limit == "fixed":
+            return FIXED_LIMIT
+        return jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)
+
+
+def _at_fence(chain: Chain, fence: Any) -> Bool[Array, ""]:
+    if fence is None:
+        return jnp.zeros((), bool)
+    out = jnp.any(jnp.abs(chain.units.position) >= fence, axis=-1)
+    return jnp.any(out & chain.present)
+
+
+RENEWED_AT_ONCE = 32  # a chunk of finished episodes is at most this part of the batch (chosen)
+
+
+def renew_done(env: SCLD, states: State) -> State:
+    """A batch of states (batch first) with every finished episode replaced by a new one.
+
+    The others stay bit-identical. Only as many resets are computed as there are finished
+    episodes, in small chunks; each has its own key, so no start comes twice.
+    """
+    batch = states.time.shape[0]
+    chunk = min(batch, max(4, batch // RENEWED_AT_ONCE))
+
+    def renew(carry: tuple[Array, State]) -> tuple[Array, State]:
+        left, states = carry
+        chosen = jnp.nonzero(left, size=chunk, fill_value=0)[0]
+        fresh = jax.vmap(env.reset)(
+            states.key[chosen], jax.vmap(lambda s: s.length)(states)[chosen]
+        )
+        slot = jnp.cumsum(left) - 1
+        filled = left & (slot < chunk)
+        placed = jax.tree.map(lambda x: x[jnp.clip(slot, 0, chunk - 1)], fresh)
+        return left & ~filled, where(filled, placed, states)
+
+    return jax.lax.while_loop(lambda carry: carry[0].any(), renew, (states.done, states))[1]
+
+
+def where(flag: Bool[Array, " batch"], one: Any, other: Any) -> Any:
+    """For each chain of the batch, the arrays of `one` where the flag is true, else of `other`."""
+
+    def pick(x: Array, y: Array) -> Array:
+        return jnp.where(flag.reshape(flag.shape + (1,) * (x.ndim - 1)), x, y)
+
+    return jax.tree.map(pick, one, other)

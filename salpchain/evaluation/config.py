@@ -1,0 +1,55 @@
+"""Settings of an evaluation. Imports nothing heavy: the command line checks its input with it."""
+
+from salpchain.domain.config import check_length
+from salpchain.errors import InputError
+
+RANGE_HELP = "give lengths as 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
+
+
+def parse_lengths(text: str) -> list[int]:
+    """The lengths that a text names, ascending and each once.
+
+    Parts between commas are numbers or ranges `from:to:step` whose end is included: `4:64:4` is
+    4, 8, ..., 64.
+
+    Raises:
+        InputError: nothing, no whole number, a range that is none, or a length out of bounds.
+    """
+    lengths = [length for part in text.split(",") for length in _part(part.strip(), text)]
+    try:
+        return sorted({check_length(length) for length in lengths})
+    except ValueError as error:
+        raise InputError(f"lengths {text!r}: {error}") from None
+
+
+def _part(part: str, text: str) -> list[int]:
+    """The lengths of one number or one range."""
+    numbers = [_number(piece, text) for piece in part.split(":")]
+    if len(numbers) == 1:
+        return numbers
+    if len(numbers) != 3:
+        raise InputError(f"lengths {text!r}: a range has three numbers; {RANGE_HELP}")
+    first, last, step = numbers
+    if step < 1:
+        raise InputError(f"lengths {text!r}: the step must be positive, got {step}")
+    if last < first:
+        raise InputError(f"lengths {text!r}: the range runs backwards; {RANGE_HELP}")
+    for bound in (first, last):
+        _check_bound(bound, text)
+    return list(range(first, last + 1, step))
+
+
+def _check_bound(bound: int, text: str) -> None:
+    """Stops an absurd range before it becomes an absurd list."""
+    try:
+        check_length(bound)
+    except ValueError as error:
+        raise InputError(f"lengths {text!r}: {error}") from None
+
+
+def _number(piece: str, text: str) -> int:
+    digits = piece.strip()
+    if not (digits.removeprefix("-").isascii() and digits.removeprefix("-").isdigit()):
+        what = f"{digits!r} is not a whole number" if digits else "a number is missing"
+        raise InputError(f"lengths {text!r}: {what}; {RANGE_HELP}")
+    return int(digits)

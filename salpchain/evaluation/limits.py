@@ -1,0 +1,107 @@
+"""What no controller can beat: how far a chain gets from rest in a given time (DESIGN section 6).
+
+Joints and contact push both bodies alike, so only thrust and drag move the centre of mass of all
+units and links. Drag multiplies its velocity by 1 - drag once at the start of a control step; the
+thrusts, at most one newton each, then add to it in every substep, before the position moves.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from salpchain.physics.chain import Chain, Physics
+
+MOST_THRUST = 1.0  # N, of a unit (DESIGN section 2)
+
+
+def acceleration(physics: Physics, length: int) -> float:
+    """Largest acceleration (m/s2) of a chain's centre of mass: all units thrust one way."""
+    return length * MOST_THRUST / _mass(physics, length)
+
+
+def top_speed(physics: Physics, length: int) -> float:
+    """Speed (m/s) of the centre of mass that no chain exceeds: that at the end of a control step.
+
+    v = (1 - drag) v + a T in the steady state, a the acceleration and T the control step.
+    Infinite without drag.
+    """
+    if physics.drag == 0:
+        return float("inf")
+    return acceleration(physics, length) * physics.control_step / physics.drag
+
+
+def cruising_speed(physics: Physics, length: int) -> float:
+    """Mean speed (m/s) over a control step in the steady state of full thrust."""
+    gain = acceleration(physics, length) * physics.control_step
+    return (1 - physics.drag) * top_speed(physics, length) + gain * _mean_of_ramp(physics)
+
+
+def distance_covered(physics: Physics, length: int, steps: int) -> float:
+    """Farthest (m) that the centre of mass gets from rest in so many control steps.
+
+    In step j the velocity starts from (1 - drag) v and grows by a dt in each of S substeps, so
+    the chain moves T (1 - drag) v_(j-1) + a T^2 (S + 1) / (2 S), where v_j is a T times the sum
+    of (1 - drag)^i over i < j.
+    """
+    step, keep = physics.control_step, 1 - physics.drag
+    gain = acceleration(physics, length) * step
+    glide = keep * gain * _sum_of_sums(keep, steps)
+    return step * (glide + steps * gain * _mean_of_ramp(physics))
+
+
+def centroid_slack(physics: Physics, length: int) -> float:
+    """How far (m) the units' centroid may be from the centre of mass of units and links.
+
+    The end units have one link instead of two, so the centre of mass keeps away from the point
+    halfway between them, farthest when the chain is folded like a hairpin: about an eighth of a
+    link, at any length. A joint counts as open by what half the chain's thrust pulls out of it.
+    """
+    give = length * MOST_THRUST / (2 * physics.joint_stiffness) + physics.softness
+    bond = physics.link_length + 2 * give
+    hairpin = bond * ((length - 1) ** 2 // 2) / (2 * length)
+    shift = hairpin + (length - 1) * physics.softness
+    return physics.link_mass * shift / _mass(physics, length)
+
+
+def least_distance(
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int
+) -> Float[Array, ""]:
+    """Smallest mean distance (m) to its target points that the chain, at rest, can come to.
+
+    The mean of distances is at least the distance of the means, and the mean of the units moves
+    with the centre of mass. For a whole chain: every slot a unit, every link joined.
+    """
+    length = chain.present.shape[0]
+    apart = jnp.linalg.norm(target.mean(axis=0) - centre_of_mass(physics, chain))
+    reach = distance_covered(physics, length, steps) + centroid_slack(physics, length)
+    return jnp.maximum(apart - reach, 0.0)
+
+
+def reachable(
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int
+) -> Float[Array, ""]:
+    """Largest closed fraction that any controller can have after so many control steps from rest."""
+    distance = jnp.linalg.norm(target - chain.units.position, axis=-1).mean()
+    return 1.0 - least_distance(physics, chain, target, steps) / distance
+
+
+def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
+    """Of all units and links (m)."""
+    units = physics.unit_mass * chain.units.position.sum(axis=0)
+    links = physics.link_mass * chain.links.position.sum(axis=0)
+    return (units + links) / _mass(physics, chain.present.shape[0])
+
+
+def _mass(physics: Physics, length: int) -> float:
+    return length * physics.unit_mass + (length - 1) * physics.link_mass
+
+
+def _mean_of_ramp(physics: Physics) -> float:
+    """Mean of 1/S, 2/S, ..., 1: the share of a step's gain that its substeps have on average."""
+    return (physics.substeps + 1) / (2 * physics.substeps)
+
+
+def _sum_of_sums(keep: float, count: int) -> float:
+    """Sum over j < count of the sum over i < j of keep^i."""
+    if keep == 1:
+        return count * (count - 1) / 2
+    return (count - (1 - keep**count) / (1 - keep)) / (1 - keep)

@@ -1,0 +1,273 @@
+"""Trials: one episode each, from starts that are the same for every controller."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from salpchain.control.policy import Controller
+from salpchain.domain.config import TaskConfig, TimeLimit, step_limit
+from salpchain.domain.scld import SCLD, State, where
+from salpchain.evaluation.limits import reachable
+from salpchain.physics.batching import anywhere
+from salpchain.physics.chain import Chain, Physics
+from salpchain.physics.contact import CORNERS, touching_distance
+
+STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
+UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
+REPORTS = 16  # times that progress is reported in a batch (chosen)
+
+Progress = Callable[[float], None]  # told the share of the work that is done
+
+
+class Trial(eqx.Module):
+    """One episode, with the sums that its measures need."""
+
+    state: State
+    origin: Float[Array, "2"]  # m, centroid of the units at the start
+    reachable: Float[Array, ""]  # closed fraction that no controller can exceed
+    effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
+    path: Float[Array, ""]  # m, way of the centroid
+    contact_time: Float[Array, ""]  # s, in which some two units touch
+
+
+@dataclass(frozen=True)
+class Swim:
+    """An episode as recorded: what pictures and videos are drawn from."""
+
+    length: int
+    positions: Float[np.ndarray, "time unit 2"]  # m, of units, from the start to the end
+    angles: Float[np.ndarray, "time unit"]  # rad
+    target: Float[np.ndarray, "unit 2"]  # m
+    dt: float  # s between two times
+    success: bool
+
+
+def run_trials(
+    controller: Controller,
+    length: int,
+    trials: int,
+    time_limit: TimeLimit,
+    seed: int,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """A row of measures for each trial of the controller at this length.
+
+    A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
+    own number only. Columns: policy, length, trial, seed, time_limit, success, closed_fraction,
+    final_distance (m), start_distance (m), steps_to_goal (NaN without success), steps,
+    thrust_effort (N s per unit), path_efficiency (NaN for a chain that never moved), contact_time
+    (s) and reachable (the physical limit of closed_fraction).
+
+    Raises:
+        ValueError: fewer than one trial, or an impossible length or time limit.
+    """
+    if trials < 1:
+        raise ValueError(f"trials must be 1 or more, got {trials}")
+    env = _domain(controller, length, time_limit)
+    blocks = -(-trials * length // UNITS_AT_ONCE)
+    size = -(-trials // blocks)
+    ended = []
+    for block in range(blocks):
+        numbers = jnp.arange(block * size, (block + 1) * size)
+        share = partial(_share, progress, block, blocks)
+        ended.append(_measures(env, _play_out(env, controller, _begin(env, seed, numbers), share)))
+    values = {name: np.concatenate([m[name] for m in ended])[:trials] for name in ended[0]}
+    about = {"policy": controller.card.name, "length": length, "trial": np.arange(trials)}
+    return pd.DataFrame({**about, "seed": seed, "time_limit": time_limit, **values})
+
+
+def _domain(controller: Controller, length: int, time_limit: TimeLimit) -> SCLD:
+    card = controller.card
+    return SCLD(TaskConfig(length, card.observation, card.action, time_limit))
+
+
+def _share(progress: Progress | None, block: int, blocks: int, share: float) -> None:
+    if progress:
+        progress((block + share) / blocks)
+
+
+def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> PRNGKeyArray:
+    """One key for each trial number, the same whatever the controller or the other trials."""
+    root = jr.fold_in(jr.fold_in(jr.key(seed, impl="threefry2x32"), STREAM), length)
+    return jax.vmap(lambda trial: jr.fold_in(root, trial))(trials)
+
+
+def _begin(env: SCLD, seed: int, numbers: Int[Array, " trial"]) -> Trial:
+    return _begin_all(env, start_keys(seed, env.config.length, numbers))
+
+
+@eqx.filter_jit
+def _begin_all(env: SCLD, keys: PRNGKeyArray) -> Trial:
+    return jax.vmap(partial(_begin_one, env))(keys)
+
+
+def _begin_one(env: SCLD, key: PRNGKeyArray) -> Trial:
+    state = env.reset(key)
+    zero = jnp.float32(0)
+    return Trial(
+        state=state,
+        origin=_centroid(state.chain),
+        reachable=reachable(env.physics, state.chain, state.target, _limit(env)),
+        effort=zero,
+        path=zero,
+        contact_time=zero,
+    )
+
+
+def _limit(env: SCLD) -> int:
+    return step_limit(env.config.time_limit, env.config.length)
+
+
+def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progress) -> Trial:
+    """All trials at their ends."""
+    limit = _limit(env)
+    stride = -(-limit // REPORTS)
+    for until in range(stride, limit + stride, stride):
+        trials = play(env, controller, trials, jnp.int32(until))
+        if bool(trials.state.done.all()):
+            break
+        progress(min(until / limit, 1.0))
+    progress(1.0)
+    return trials
+
+
+@eqx.filter_jit
+def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
+    """The trials (batch first) after control step `until`, those that have ended as they ended."""
+
+    def going(trials: Trial) -> Bool[Array, ""]:
+        return (~trials.state.done & (trials.state.time < until)).any()
+
+    def advance(trials: Trial) -> Trial:
+        after = jax.vmap(partial(_advance, env, controller))(trials)
+        return where(trials.state.done, trials, after)
+
+    return jax.lax.while_loop(going, advance, trials)
+
+
+def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
+    """One control step of one trial."""
+    state = env.step(trial.state, controller.act(trial.state))
+    moved = _centroid(state.chain) - _centroid(trial.state.chain)
+    dt = env.physics.control_step
+    return Trial(
+        state=state,
+        origin=trial.origin,
+        reachable=trial.reachable,
+        effort=trial.effort + jnp.abs(state.thrust).mean() * dt,
+        path=trial.path + jnp.linalg.norm(moved),
+        contact_time=trial.contact_time + jnp.where(touching(env.physics, state.chain), dt, 0.0),
+    )
+
+
+def _centroid(chain: Chain) -> Float[Array, "2"]:
+    return chain.units.position.mean(axis=0)
+
+
+def touching(physics: Physics, chain: Chain) -> Bool[Array, ""]:
+    """Whether the boxes of some two units are closer than the contact gap.
+
+    All pairs of centres are compared; the boxes only if in the batch some centres are near.
+    """
+    position = chain.units.position
+    offset = position[None] - position[:, None]
+    near = chain.present & chain.present[:, None] & ~jnp.eye(len(position), dtype=bool)
+    near &= jnp.sum(offset**2, axis=-1) <= touching_distance(physics) ** 2
+    return jax.lax.cond(
+        anywhere(near.any()),
+        lambda: (near & (_gap(physics, offset, chain.units.angle) <= physics.contact_gap)).any(),
+        lambda: jnp.zeros((), bool),
+    )
+
+
+def _gap(
+    physics: Physics, offset: Float[Array, "unit unit 2"], angle: Float[Array, " unit"]
+) -> Float[Array, "unit unit"]:
+    """Distance (m) from the nearest corner of box i to box j at `offset[i, j]`, 0 where inside.
+
+    The smaller of [i, j] and [j, i] is the gap of the two boxes, unless they cross like a plus;
+    then their centres are so near that they count as touching.
+    """
+    half = jnp.array([physics.unit_length, physics.unit_width]) / 2
+    axis = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
+    side = jnp.stack([-axis[:, 1], axis[:, 0]], axis=-1)
+    squares = []
+    for along, across in CORNERS:
+        corner = along * half[0] * axis + across * half[1] * side
+        point = corner[:, None] - offset
+        out = [jnp.abs(jnp.sum(point * x, axis=-1)) - h for x, h in zip((axis, side), half)]
+        squares.append(sum(jnp.maximum(x, 0.0) ** 2 for x in out))
+    gap = jnp.sqrt(jnp.min(jnp.stack(squares), axis=0))
+    return jnp.where(jnp.sum(offset**2, axis=-1) <= physics.unit_length**2, 0.0, gap)
+
+
+def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
+    """The measures of finished trials, by name."""
+    state = trials.state
+    success, time = np.asarray(state.goal), np.asarray(state.time)
+    centroid = jax.vmap(_centroid)(state.chain)
+    straight = np.linalg.norm(np.asarray(centroid - trials.origin, np.float64), axis=-1)
+    path = np.asarray(trials.path, np.float64)
+    final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
+    return {
+        "success": success,
+        "closed_fraction": 1 - final / start,
+        "final_distance": final,
+        "start_distance": start,
+        "steps_to_goal": np.where(success, time, np.nan),
+        "steps": time,
+        "thrust_effort": np.asarray(trials.effort, np.float64),
+        "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
+        "contact_time": np.asarray(trials.contact_time, np.float64),
+        "reachable": np.asarray(trials.reachable, np.float64),
+    }
+
+
+def record_swim(
+    controller: Controller, length: int, time_limit: TimeLimit, seed: int, trial: int = 0
+) -> Swim:
+    """One trial, the same start as in `run_trials`, with its positions at every control step.
+
+    It may end differently where the swim is chaotic: batches of other sizes round differently.
+    """
+    env = _domain(controller, length, time_limit)
+    begun = _begin(env, seed, jnp.array([trial]))
+    state, positions, angles = _record(env, controller, jax.tree.map(lambda x: x[0], begun.state))
+    end = int(state.time) + 1
+    return Swim(
+        length=length,
+        positions=np.asarray(positions[:end]),
+        angles=np.asarray(angles[:end]),
+        target=np.asarray(state.target),
+        dt=float(env.physics.control_step),
+        success=bool(state.goal),
+    )
+
+
+@eqx.filter_jit
+def _record(env: SCLD, controller: Controller, state: State) -> tuple[State, Array, Array]:
+    """The state at the end of its episode, and positions and angles at every time until then."""
+
+    def keep(log: tuple[Array, Array], state: State) -> tuple[Array, Array]:
+        units, time = state.chain.units, state.time
+        return log[0].at[time].set(units.position), log[1].at[time].set(units.angle)
+
+    def advance(carry: Any) -> Any:
+        state, log = carry
+        state = env.step(state, controller.act(state))
+        return state, keep(log, state)
+
+    times = _limit(env) + 1
+    log = jnp.zeros((times, env.config.length, 2)), jnp.zeros((times, env.config.length))
+    start = (state, keep(log, state))
+    state, log = jax.lax.while_loop(lambda carry: ~carry[0].done, advance, start)
+    return state, *log

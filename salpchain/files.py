@@ -1,0 +1,121 @@
+"""Files that are whole or not there: written beside, flushed, renamed; checked when read."""
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from salpchain.errors import InputError
+
+Arrays = dict[str, np.ndarray]
+
+_HEADER = "salpchain"
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """The file with this content, or, if that fails, as it was before.
+
+    Raises:
+        OSError: the folder is missing or not writable, or the disk is full.
+    """
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    beside = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.chmod(0o644)
+        beside.replace(path)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: Path, content: str) -> None:
+    """`write_bytes` of UTF-8 text."""
+    write_bytes(path, content.encode())
+
+
+def write_json(path: Path, content: Any) -> None:
+    """`write_text` of indented JSON; NaN is refused."""
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        InputError: there is no such file, or it is not JSON.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"no such file: {path}") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid JSON ({error})") from None
+
+
+def write_arrays(
+    path: Path, kind: str, version: int, header: Mapping[str, Any], arrays: Arrays
+) -> None:
+    """Named arrays with a JSON header and a checksum, as one safetensors file."""
+    about = {"kind": kind, "version": version, "header": header, "sha256": _digest(arrays)}
+    write_bytes(path, save(arrays, metadata={_HEADER: json.dumps(about)}))
+
+
+def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
+    """Header and arrays of a file of this kind, written by this version or an older one.
+
+    The file is data: reading it runs no code.
+
+    Raises:
+        InputError: no such file; not such a file; cut short; altered; or from a newer version.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"no such file: {path}") from None
+    about = _about(path, kind, content)
+    if about["version"] > version:
+        raise InputError(
+            f"{path} was written by a newer salpchain (format {about['version']}, this one reads"
+            f" up to {version}): upgrade salpchain"
+        )
+    try:
+        arrays = load(content)
+    except SafetensorError as error:
+        raise InputError(f"{path} is damaged or cut short ({error})") from None
+    if _digest(arrays) != about["sha256"]:
+        raise InputError(f"{path} was altered or damaged: its checksum does not match its content")
+    return about["header"], arrays
+
+
+def _about(path: Path, kind: str, content: bytes) -> dict[str, Any]:
+    """Our header out of the safetensors header: 8 bytes of length, then JSON."""
+    try:
+        size = int.from_bytes(content[:8], "little")
+        about = json.loads(json.loads(content[8 : 8 + size])["__metadata__"][_HEADER])
+        good = about["kind"] == kind and isinstance(about["version"], int)
+        good = good and {"header", "sha256"} <= about.keys()
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path} is not a salpchain {kind}, or is cut short") from None
+    if not good:
+        raise InputError(f"{path} is a salpchain {about.get('kind')}, not a {kind}")
+    return about
+
+
+def _digest(arrays: Arrays) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(f"{name}{array.dtype}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

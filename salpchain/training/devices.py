@@ -1,0 +1,37 @@
+"""Devices that share out the chains of one run."""
+
+import os
+
+import jax
+
+from salpchain.errors import InputError
+
+
+def use_devices(count: int | None = None) -> int:
+    """Makes `count` devices ready and returns how many there are to be used.
+
+    On a CPU each core becomes a device of its own (several times faster than one device with many
+    threads). Must come before JAX's first computation; later, the devices that are there are used.
+
+    Raises:
+        InputError: fewer devices than asked for.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    try:
+        jax.config.update("jax_num_cpu_devices", count or cores or 1)
+    except RuntimeError:  # JAX has started: its devices are what they are
+        pass
+    there = jax.local_device_count()
+    if count is not None and there < count:
+        raise InputError(f"the run shares its chains over {count} devices, here are only {there}")
+    return count or there
+
+
+def share(envs: int, devices: int) -> int:
+    """The largest number of devices, up to these, that divides the chains evenly."""
+    return max(n for n in range(1, devices + 1) if envs % n == 0)
+
+
+def device_name() -> str:
+    """What the first device calls itself."""
+    return f"{jax.default_backend()} ({jax.devices()[0].device_kind})"

@@ -1,0 +1,137 @@
+"""One iteration of training as a pure, compiled function of the learner's state."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as Spec
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from salpchain.control.actor_critic import ActorCritic, actor_critic
+from salpchain.domain.scld import SCLD, State
+from salpchain.training.config import TrainConfig
+from salpchain.training.ppo import AXIS, Losses, improve, lessons, optimiser
+from salpchain.training.rollout import Outcome, Sample, collect, values
+
+
+class Learner(eqx.Module):
+    """All that training carries from one iteration to the next: saved and restored bit for bit."""
+
+    policy: ActorCritic
+    optimiser_state: Any
+    states: State  # batch first, shared out over the devices
+    key: PRNGKeyArray
+    iteration: Int[Array, ""]
+
+
+class Finite(eqx.Module):
+    """Whether all numbers of an iteration are finite, in the order in which they arise."""
+
+    observations: Bool[Array, ""]
+    rewards: Bool[Array, ""]
+    losses: Bool[Array, ""]
+    weights: Bool[Array, ""]
+
+
+class Metrics(eqx.Module):
+    """What one iteration saw."""
+
+    losses: Losses
+    terms: dict[str, Float[Array, ""]]  # mean of each reward term per step
+    episodes: Float[Array, ""]  # finished in this rollout
+    goals: Float[Array, ""]  # of these, reached
+    closed: Float[Array, ""]  # sum of their closed fractions
+    lasted: Float[Array, ""]  # sum of their control steps
+    finite: Finite
+
+
+def mesh_of(devices: int) -> Mesh:
+    """A mesh over the first `devices` devices."""
+    return jax.make_mesh((devices,), (AXIS,), devices=jax.devices()[:devices])
+
+
+def new_learner(config: TrainConfig, env: SCLD) -> Learner:
+    """A learner before its first step; all randomness follows from `config.seed`."""
+    weights_key, reset_key, key = jr.split(jr.key(config.seed), 3)
+    policy = actor_critic(
+        weights_key, config.control, env.observation_size, env.action_size, config.task.length
+    )
+    states = jax.jit(jax.vmap(env.reset))(jr.split(reset_key, config.ppo.envs))
+    state = optimiser(config.ppo, config.iterations).init(policy)
+    return Learner(policy, state, states, key, jnp.int32(0))
+
+
+def place(learner: Learner, mesh: Mesh) -> Learner:
+    """The learner with its chains shared out over the mesh, all else on every device."""
+    return jax.tree.map(
+        lambda x, spec: jax.device_put(x, NamedSharding(mesh, spec)), learner, _specs(learner)
+    )
+
+
+def _specs(learner: Learner) -> Learner:
+    specs = jax.tree.map(lambda _: Spec(), learner)
+    shared = jax.tree.map(lambda _: Spec(AXIS), learner.states)
+    return eqx.tree_at(lambda x: x.states, specs, shared, is_leaf=lambda x: x is None)
+
+
+Iterate = Callable[[Learner], tuple[Learner, Metrics]]
+
+
+def compile_iterate(config: TrainConfig, env: SCLD, mesh: Mesh, learner: Learner) -> Iterate:
+    """`iterate` over the mesh, compiled for this learner's shapes."""
+    specs = _specs(learner)
+    sharded = jax.shard_map(
+        partial(iterate, config, env),
+        mesh=mesh,
+        in_specs=(specs,),
+        out_specs=(specs, Spec()),
+        check_vma=False,
+    )
+    return jax.jit(sharded, donate_argnums=0).lower(learner).compile()
+
+
+def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, Metrics]:
+    """A rollout and the update from it, on one device's share of the chains."""
+    ppo = config.ppo
+    act_key, shuffle_key, key = jr.split(learner.key, 3)
+    device = jax.lax.axis_index(AXIS)
+    act_key, shuffle_key = (jr.fold_in(k, device) for k in (act_key, shuffle_key))
+    states, samples, outcomes = collect(env, learner.policy, learner.states, act_key, ppo.rollout)
+    batch = lessons(ppo, samples, outcomes, values(learner.policy, states))
+    policy, optimiser_state, losses = improve(
+        ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
+        shuffle_key,
+    )  # fmt: skip
+    after = Learner(policy, optimiser_state, states, key, learner.iteration + 1)
+    return after, metrics(policy, losses, samples, outcomes)
+
+
+def metrics(policy: ActorCritic, losses: Losses, samples: Sample, outcomes: Outcome) -> Metrics:
+    """Sums over all devices of what the finished episodes were."""
+    done = outcomes.terminated | outcomes.truncated
+
+    def total(x: Array) -> Array:
+        return jax.lax.psum(jnp.sum(jnp.where(done, x, 0.0)), AXIS)
+
+    names = ("approach", "goal", "fine")
+    means = {n: jax.lax.pmean(getattr(outcomes.terms, n).mean(), AXIS) for n in names}
+    return Metrics(
+        losses=losses,
+        terms=means,
+        episodes=total(jnp.ones_like(outcomes.closed)),
+        goals=total(outcomes.goal.astype(jnp.float32)),
+        closed=total(outcomes.closed),
+        lasted=total(outcomes.time.astype(jnp.float32)),
+        finite=Finite(*map(_finite, (samples.obs, outcomes.reward, losses, policy))),
+    )
+
+
+def _finite(tree: Any) -> Bool[Array, ""]:
+    """Whether every number in the tree is finite, on every device."""
+    fine = jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves(tree)]).all()
+    return jax.lax.pmin(fine.astype(jnp.int32), AXIS) > 0

@@ -1,0 +1,123 @@
+"""Proximal policy optimisation (paper section 2.2.1; Schulman et al. 2017)."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import optax
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from salpchain.control.actor_critic import ActorCritic
+from salpchain.training.advantage import advantages, next_values
+from salpchain.training.config import PPOConfig
+from salpchain.training.rollout import Outcome, Sample, log_prob
+
+AXIS = "devices"  # the mesh axis over which chains are shared out
+
+
+class Lesson(eqx.Module):
+    """A sample with what was worth of it."""
+
+    sample: Sample
+    advantage: Float[Array, ""]  # normalised over the rollout
+    target: Float[Array, ""]  # of the value
+
+
+class Losses(eqx.Module):
+    """What an update did, averaged over its gradient steps."""
+
+    policy: Float[Array, ""]
+    value: Float[Array, ""]
+    entropy: Float[Array, ""]
+    kl: Float[Array, ""]  # approximate, from old to new policy
+    clipped: Float[Array, ""]  # share of ratios outside the clip range
+    grad_norm: Float[Array, ""]
+
+
+def lessons(
+    config: PPOConfig, samples: Sample, outcomes: Outcome, last_value: Float[Array, " env"]
+) -> Lesson:
+    """Samples of a rollout with normalised advantages and value targets, axes (step, env)."""
+    following = next_values(samples.value, last_value, outcomes.final_value, outcomes.truncated)
+    gain = advantages(
+        outcomes.reward,
+        samples.value,
+        following,
+        outcomes.terminated,
+        outcomes.truncated,
+        config.gamma,
+        config.lam,
+    )
+    mean = jax.lax.pmean(gain.mean(), AXIS)
+    deviation = jnp.sqrt(jax.lax.pmean(((gain - mean) ** 2).mean(), AXIS))
+    return Lesson(samples, (gain - mean) / (deviation + 1e-8), gain + samples.value)
+
+
+def improve(
+    config: PPOConfig,
+    optimiser: optax.GradientTransformation,
+    policy: ActorCritic,
+    optimiser_state: Any,
+    batch: Lesson,
+    key: PRNGKeyArray,
+) -> tuple[ActorCritic, Any, Losses]:
+    """The policy after all epochs of minibatches over the batch, axes (step, env)."""
+    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch)
+    size = flat.advantage.shape[0]
+
+    def epoch(carry: Any, key: PRNGKeyArray) -> tuple[Any, Losses]:
+        order = jr.permutation(key, size).reshape(config.minibatches, -1)
+        return jax.lax.scan(learn, carry, order)
+
+    def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
+        policy, optimiser_state = carry
+        few = jax.tree.map(lambda x: x[chosen], flat)
+        gradient, losses = jax.grad(loss, has_aux=True)(policy, config, few)
+        gradient, losses = jax.lax.pmean((gradient, losses), AXIS)
+        norm = optax.global_norm(gradient)
+        updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
+        policy = optax.apply_updates(policy, updates)
+        return (policy, optimiser_state), eqx.tree_at(lambda x: x.grad_norm, losses, norm)
+
+    start = (policy, optimiser_state)
+    (policy, optimiser_state), losses = jax.lax.scan(epoch, start, jr.split(key, config.epochs))
+    return policy, optimiser_state, jax.tree.map(jnp.mean, losses)
+
+
+def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[Array, ""], Losses]:
+    """The clipped surrogate (paper equation 1), the value error and the entropy, weighted."""
+    sample = batch.sample
+    mean, value = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
+    density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
+    change = density - sample.log_prob
+    ratio = jnp.exp(change)
+    clipped = jnp.clip(ratio, 1 - config.clip, 1 + config.clip)
+    surrogate = jnp.minimum(ratio * batch.advantage, clipped * batch.advantage)
+    value_error = jnp.mean((value - batch.target) ** 2)
+    spread = entropy(policy, sample.present)
+    total = -surrogate.mean() + config.value_weight * value_error - config.entropy * spread
+    return total, Losses(
+        policy=-surrogate.mean(),
+        value=value_error,
+        entropy=spread,
+        kl=jnp.mean(ratio - 1 - change),
+        clipped=jnp.mean(jnp.abs(ratio - 1) > config.clip),
+        grad_norm=jnp.zeros(()),
+    )
+
+
+def entropy(policy: ActorCritic, present: Array) -> Float[Array, ""]:
+    """Mean entropy (nat) of a chain's action distribution."""
+    each = policy.log_std + 0.5 * jnp.log(2 * jnp.pi * jnp.e)
+    return jnp.mean(jnp.sum(each * present[..., None], axis=(1, 2)))
+
+
+def optimiser(config: PPOConfig, iterations: int) -> optax.GradientTransformation:
+    """Adam after gradient clipping, its rate falling linearly to `final_rate` of itself."""
+    updates = iterations * config.epochs * config.minibatches
+    rate = optax.linear_schedule(
+        config.learning_rate, config.learning_rate * config.final_rate, updates
+    )
+    return optax.chain(optax.clip_by_global_norm(config.max_grad_norm), optax.adam(rate, eps=1e-5))

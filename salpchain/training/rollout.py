@@ -1,0 +1,104 @@
+"""Chains that swim under the sampled policy, and what PPO needs to know of it."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+from jaxtyping import Array, Bool, Float, PRNGKeyArray
+
+from salpchain.control.actor_critic import ActorCritic
+from salpchain.domain.reward import Terms
+from salpchain.domain.scld import SCLD, State, renew_done
+
+
+class Sample(eqx.Module):
+    """What an update learns from: one chain at one step."""
+
+    obs: Float[Array, "unit inputs"]
+    present: Bool[Array, " unit"]
+    joined: Bool[Array, " link"]
+    action: Float[Array, "unit act"]  # as sampled, before clipping
+    log_prob: Float[Array, ""]
+    value: Float[Array, ""]
+
+
+class Outcome(eqx.Module):
+    """What a step gave."""
+
+    reward: Float[Array, ""]
+    terms: Terms
+    terminated: Bool[Array, ""]
+    truncated: Bool[Array, ""]
+    goal: Bool[Array, ""]
+    final_value: Float[Array, ""]  # of the true last observation, where truncated
+    closed: Float[Array, ""]  # closed fraction
+    time: Array  # control steps since reset
+
+
+def collect(
+    env: SCLD, policy: ActorCritic, states: State, key: PRNGKeyArray, steps: int
+) -> tuple[State, Sample, Outcome]:
+    """`steps` control steps of every chain (batch first), finished episodes renewed.
+
+    Returns the states after them, and samples and outcomes with axes (step, env).
+    """
+
+    def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
+        sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, jr.split(key, num))
+        after = jax.vmap(env.step)(states, sample.action)
+        outcome = Outcome(
+            reward=after.reward,
+            terms=after.terms,
+            terminated=after.terminated,
+            truncated=after.truncated & ~after.terminated,
+            goal=after.terms.goal > 0,
+            final_value=_final_value(policy, after),
+            closed=1.0 - after.distances.mean / after.start_distance,
+            time=after.time,
+        )
+        return renew_done(env, after), (sample, outcome)
+
+    num = states.time.shape[0]
+    states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
+    return states, samples, outcomes
+
+
+def sample_action(policy: ActorCritic, state: State, key: PRNGKeyArray) -> Sample:
+    """A sampled action for one chain, with its log-probability and the value of the state."""
+    chain = state.chain
+    mean, value = policy(state.obs, chain.present, chain.joined)
+    action = mean + jnp.exp(policy.log_std) * jr.normal(key, mean.shape)
+    return Sample(
+        obs=state.obs,
+        present=chain.present,
+        joined=chain.joined,
+        action=action,
+        log_prob=log_prob(policy, mean, action, chain.present),
+        value=value,
+    )
+
+
+def log_prob(
+    policy: ActorCritic,
+    mean: Float[Array, "unit act"],
+    action: Float[Array, "unit act"],
+    present: Bool[Array, " unit"],
+) -> Float[Array, ""]:
+    """Log-density of a chain's action: summed over its present units, for they act as one."""
+    z = (action - mean) * jnp.exp(-policy.log_std)
+    each = -0.5 * (z**2 + jnp.log(2 * jnp.pi)) - policy.log_std
+    return jnp.sum(each * present[:, None])
+
+
+def values(policy: ActorCritic, states: State) -> Float[Array, " env"]:
+    """Value of each chain's present observation."""
+    return jax.vmap(lambda s: policy(s.obs, s.chain.present, s.chain.joined)[1])(states)
+
+
+def _final_value(policy: ActorCritic, after: State) -> Float[Array, " env"]:
+    """Values where an episode ran out of time; computed only when one did."""
+    return jax.lax.cond(
+        after.truncated.any(),
+        lambda: values(policy, after),
+        lambda: jnp.zeros_like(after.reward),
+    )

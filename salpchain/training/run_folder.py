@@ -1,0 +1,169 @@
+"""The folder of one training run: its settings, its log, its checkpoint, its policy.
+
+Imports neither JAX nor pandas, so that bad input is refused at once.
+"""
+
+import csv
+import dataclasses
+import io
+import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from salpchain.control.config import ControlConfig
+from salpchain.domain.config import TaskConfig
+from salpchain.errors import InputError
+from salpchain.files import read_json, write_json, write_text
+from salpchain.training.config import PPOConfig, TrainConfig
+
+CONFIG_FILE = "config.json"
+METRICS_FILE = "metrics.csv"
+SUMMARY_FILE = "summary.json"
+FORMAT = 1
+PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
+
+
+def create(run: Path, config: TrainConfig, devices: int, device: str) -> None:
+    """A new run folder with the run's settings.
+
+    Raises:
+        InputError: the folder holds something already.
+        OSError: it cannot be made or written.
+    """
+    check_free(run)
+    run.mkdir(parents=True, exist_ok=True)
+    write_json(run / CONFIG_FILE, describe(config, devices, device))
+
+
+def check_free(run: Path) -> None:
+    """Nothing, if a new run may use this folder.
+
+    Raises:
+        InputError: it is a file, or holds something already.
+    """
+    if run.exists() and not run.is_dir():
+        raise InputError(f"{run} is a file: a run needs a folder")
+    if run.is_dir() and any(run.iterdir()):
+        advice = "add --resume to go on with it, or choose another --out"
+        raise InputError(f"{run} is already used: {advice}")
+
+
+def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
+    """Every setting, package versions and the device, as plain JSON values."""
+    return {
+        "format": FORMAT,
+        "config": dataclasses.asdict(config),
+        "devices": devices,
+        "device": device,
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in PACKAGES},
+    }
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def read_config(run: Path) -> tuple[TrainConfig, int]:
+    """The settings of a run, and over how many devices its chains are shared out.
+
+    Raises:
+        InputError: the folder is no run folder, or its settings are not understood.
+    """
+    if not (run / CONFIG_FILE).is_file():
+        raise InputError(f"{run} is not a run folder: it has no {CONFIG_FILE}")
+    content = read_json(run / CONFIG_FILE)
+    try:
+        if content["format"] > FORMAT:
+            raise InputError(f"{run} was made by a newer salpchain: upgrade salpchain")
+        return train_config(content["config"]), int(content["devices"])
+    except (KeyError, TypeError) as error:
+        raise InputError(f"{run / CONFIG_FILE} does not describe a run ({error})") from None
+
+
+def train_config(values: dict[str, Any]) -> TrainConfig:
+    """The settings from plain values; unknown and missing ones are refused."""
+    parts = {"task": TaskConfig, "control": ControlConfig, "ppo": PPOConfig}
+    for name, kind in (*parts.items(), (None, TrainConfig)):
+        given = values if name is None else values[name]
+        odd = {field.name for field in dataclasses.fields(kind)} ^ given.keys()
+        if odd:
+            raise TypeError(f"{sorted(odd)[0]!r} is missing or unknown")
+    built: dict[str, Any] = {name: kind(**values[name]) for name, kind in parts.items()}
+    return TrainConfig(**{**values, **built})
+
+
+class MetricsLog:
+    """`metrics.csv`, a row for each iteration, and the same as TensorBoard scalars."""
+
+    def __init__(self, run: Path, keep: int) -> None:
+        """Opens the log of a run, with its rows up to iteration `keep` and no later ones."""
+        from tensorboardX import SummaryWriter
+
+        self.path = run / METRICS_FILE
+        self.rows = _read_rows(self.path, keep)
+        if self.path.exists():
+            write_text(self.path, _as_csv(self.rows))
+        self._file = self.path.open("a", encoding="utf-8", newline="")
+        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=keep + 1)
+
+    def add(self, row: dict[str, float]) -> None:
+        """One more iteration, on disk at once; no number is an empty cell."""
+        writer = csv.DictWriter(self._file, row)
+        if not self.rows:
+            writer.writeheader()
+        text = {name: _cell(value) for name, value in row.items()}
+        writer.writerow(text)
+        self._file.flush()
+        self.rows.append(text)
+        for name, value in row.items():
+            if value == value:
+                self._board.add_scalar(name, value, int(row["iteration"]))
+
+    def close(self) -> None:
+        """Flushes both."""
+        self._file.close()
+        self._board.close()
+
+
+def _cell(value: float) -> str:
+    return "" if value != value else f"{value:.7g}"
+
+
+def _read_rows(path: Path, keep: int) -> list[dict[str, str]]:
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if None not in row.values()]
+    return [row for row in rows if int(row["iteration"]) <= keep]
+
+
+def _as_csv(rows: list[dict[str, str]]) -> str:
+    text = io.StringIO(newline="")
+    if rows:
+        writer = csv.DictWriter(text, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    return text.getvalue()
+
+
+def contradictions(config: TrainConfig, asked: dict[str, Any]) -> list[str]:
+    """What of the settings asked for is not what the run has, in words."""
+    has = {**_flat(dataclasses.asdict(config))}
+    return [
+        f"{name} is {json.dumps(has[name])} in the run, {json.dumps(value)} was given"
+        for name, value in asked.items()
+        if value is not None and has[name] != value
+    ]
+
+
+def _flat(values: dict[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        flat.update(value if isinstance(value, dict) else {name: value})
+    return flat
