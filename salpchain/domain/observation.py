@@ -1,4 +1,8 @@
-"""What each unit observes: `table1`, the paper's, and `body`, the unit's own view (DESIGN 4)."""
+"""What each unit observes: `table1`, the paper's, and `body`, the unit's own view (DESIGN 4).
+
+The features are worked out as rows, one number of every unit, with the batch of chains last
+(see `physics.batching`): units are the first axis of every row, whether a batch follows or not.
+"""
 
 from collections.abc import Callable
 
@@ -6,62 +10,129 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.domain.pose import LINK
-from salpchain.physics.chain import Chain, heading, wrap
+from salpchain.physics.batching import once, over_the_batch
+from salpchain.physics.chain import Chain, wrap
 
-View = Callable[
-    [Chain, Float[Array, "unit 2"], Float[Array, " unit"]], Float[Array, "unit feature"]
-]
+Row = Array  # (unit,) or (unit, batch)
+Pair = tuple[Row, Row]  # x and y
 
 
-def table1(
-    chain: Chain, target: Float[Array, "unit 2"], thrust: Float[Array, " unit"]
-) -> Float[Array, "unit 24"]:
-    """The 24 numbers of the paper's Table 1, in its order, in world axes."""
-    units = chain.units
-    index = jnp.arange(units.angle.shape[0])
-    force = _alive(chain, thrust[:, None] * heading(units.angle))
-    columns = [
-        (index[:, None] >> jnp.arange(4)) & 1,
-        units.position,
-        units.velocity,
-        wrap(units.angle)[:, None],
-        units.angular_velocity[:, None],
-        units.velocity - _mean(chain, units.velocity),
-        units.position - _mean(chain, units.position),
-        units.position - _mean(chain, target),
-        target - units.position,
-        _bearings(chain),
-        *_neighbours(chain, force),
+def observe(
+    name: str, chain: Chain, target: Float[Array, "unit 2"], thrust: Float[Array, " unit"]
+) -> Float[Array, "unit feature"]:
+    """The named observation of one chain; zeros in dead slots. Fast under `jax.vmap`.
+
+    Args:
+        name: a key of `OBSERVATIONS`.
+        chain: where the chain is.
+        target: one point (m) for each unit.
+        thrust: what each unit exerted (N) in the last control step.
+    """
+    return _observe(name, chain, target, thrust)
+
+
+@over_the_batch
+def _observe(name: str, chain: Chain, target: Array, thrust: Array) -> Array:
+    rows = OBSERVATIONS[name](View(chain, target, thrust))
+    return jnp.where(chain.present[:, None], jnp.stack(rows, axis=1), 0.0)
+
+
+class View:
+    """The chain and its target as rows, with what both observations need of them."""
+
+    def __init__(self, chain: Chain, target: Array, thrust: Array) -> None:
+        """Rows of a chain, of a batch of chains with the batch last."""
+        self.chain, self.thrust = chain, thrust
+        self.position = _pair(chain.units.position)
+        self.velocity = _pair(chain.units.velocity)
+        self.target = _pair(target)
+        angle = chain.units.angle
+        never = chain.present.sum() < 0
+        self.turn: Pair = once((jnp.cos(angle), jnp.sin(angle)), never)
+
+    def mean(self, pair: Pair) -> Pair:
+        """Mean over the present units."""
+        present = self.chain.present
+        share = 1 / jnp.maximum(present.sum(axis=0), 1)
+        x, y = (jnp.sum(jnp.where(present, row, 0.0), axis=0) * share for row in pair)
+        return x, y
+
+    def own(self, pair: Pair) -> Pair:
+        """World vectors in each unit's axes: along the unit, and along its heading."""
+        (cosine, sine), (x, y) = self.turn, pair
+        return cosine * x + sine * y, cosine * y - sine * x
+
+    def neighbours(self, row: Row) -> tuple[Row, Row]:
+        """What the previous and what the next linked unit has; zero where there is none."""
+        joined, none = self.chain.joined, jnp.zeros_like(row[:1])
+        previous = jnp.concatenate([none, jnp.where(joined, row[:-1], 0.0)])
+        following = jnp.concatenate([jnp.where(joined, row[1:], 0.0), none])
+        return previous, following
+
+    def towards(self, pair: Pair) -> tuple[Pair, Pair]:
+        """From each unit's point to those of the previous and next linked unit; else zero."""
+        joined = self.chain.joined
+        steps = [jnp.where(joined, row[1:] - row[:-1], 0.0) for row in pair]
+        none = jnp.zeros_like(steps[0][:1])
+        previous = tuple(jnp.concatenate([none, -step]) for step in steps)
+        following = tuple(jnp.concatenate([step, none]) for step in steps)
+        return previous, following  # type: ignore[return-value]
+
+    def bearing(self, vector: Pair) -> Row:
+        """Angle of a neighbour from the unit's own angle (rad, wrapped); 0 where there is none."""
+        x, y = vector
+        there = (x != 0) | (y != 0)
+        return jnp.where(there, wrap(jnp.arctan2(y, x) - self.chain.units.angle), 0.0)
+
+
+def table1(view: View) -> list[Row]:
+    """The 24 numbers of the paper's Table 1, in its order, in world axes; SI units."""
+    units = view.chain.units
+    index = _indices(units.angle)
+    cosine, sine = view.turn
+    previous, following = view.towards(view.position)
+    force = [view.neighbours(row) for row in (-sine * view.thrust, cosine * view.thrust)]
+    return [
+        *(((index >> bit) & 1).astype(units.angle.dtype) for bit in range(4)),
+        *view.position,
+        *view.velocity,
+        wrap(units.angle),
+        units.angular_velocity,
+        *_minus(view.velocity, view.mean(view.velocity)),
+        *_minus(view.position, view.mean(view.position)),
+        *_minus(view.position, view.mean(view.target)),
+        *_minus(view.target, view.position),
+        view.bearing(previous),
+        view.bearing(following),
+        *(side[0] for side in force),
+        *(side[1] for side in force),
     ]
-    return _alive(chain, jnp.concatenate(columns, axis=-1))
 
 
-def body(
-    chain: Chain, target: Float[Array, "unit 2"], thrust: Float[Array, " unit"]
-) -> Float[Array, "unit 22"]:
+def body(view: View) -> list[Row]:
     """22 numbers in the unit's own axes, of much the same size at any length and distance."""
-    units = chain.units
-    error = target - units.position
-    between = _mean(chain, target) - _mean(chain, units.position)
-    to_previous, to_next = _vectors(chain, units.position)
-    target_to_previous, target_to_next = _vectors(chain, target)
+    units = view.chain.units
+    error = _minus(view.target, view.position)
+    here, there = view.mean(view.position), view.mean(view.target)
+    near = 1 / (jnp.sqrt(error[0] ** 2 + error[1] ** 2) + 0.01)
+    neighbours = (*view.towards(view.position), *view.towards(view.target))
+    place = _indices(units.angle) * (2 / jnp.maximum(view.chain.present.sum(axis=0) - 1, 1)) - 1.0
     vectors = [
-        5 * units.velocity,
-        to_previous / LINK,
-        to_next / LINK,
-        target_to_previous / LINK,
-        target_to_next / LINK,
-        error / (jnp.linalg.norm(error, axis=-1, keepdims=True) + 0.01),
-        jnp.broadcast_to(5 * _mean(chain, units.velocity), error.shape),
+        _times(view.velocity, 5.0),
+        *(_times(vector, 1 / LINK) for vector in neighbours),
+        _times(error, near),
+        _times(view.mean(view.velocity), 5.0),
     ]
-    far = [
-        error,
-        jnp.broadcast_to(between, error.shape),
-        units.position - _mean(chain, units.position),
+    far = [error, _minus(there, here), _minus(view.position, here)]
+    return [
+        *(row for vector in vectors for row in view.own(vector)),
+        *(compress(row) for vector in far for row in view.own(vector)),
+        units.angular_velocity / 3,
+        place,
     ]
-    own = [_to_own(chain, x) for x in vectors] + [compress(_to_own(chain, x)) for x in far]
-    single = [units.angular_velocity[:, None] / 3, _place(chain)[:, None]]
-    return _alive(chain, jnp.concatenate(own + single, axis=-1))
+
+
+OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {"table1": table1, "body": body}
 
 
 def compress(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -69,53 +140,18 @@ def compress(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return jnp.sign(x) * jnp.log1p(5 * jnp.abs(x))
 
 
-def _alive(chain: Chain, values: Float[Array, "unit _"]) -> Float[Array, "unit _"]:
-    return jnp.where(chain.present[:, None], values, 0.0)
+def _pair(vectors: Array) -> Pair:
+    return vectors[:, 0], vectors[:, 1]
 
 
-def _mean(chain: Chain, values: Float[Array, "unit 2"]) -> Float[Array, "2"]:
-    """Mean over the present units."""
-    return _alive(chain, values).sum(axis=0) / jnp.maximum(chain.present.sum(), 1)
+def _minus(one: Pair, other: Pair) -> Pair:
+    return one[0] - other[0], one[1] - other[1]
 
 
-def _to_own(chain: Chain, vector: Float[Array, "unit 2"]) -> Float[Array, "unit 2"]:
-    """World vectors in each unit's axes: along the unit, and along its heading."""
-    cosine, sine = jnp.cos(chain.units.angle), jnp.sin(chain.units.angle)
-    x, y = vector[:, 0], vector[:, 1]
-    return jnp.stack([cosine * x + sine * y, cosine * y - sine * x], axis=-1)
+def _times(pair: Pair, factor: Array | float) -> Pair:
+    return pair[0] * factor, pair[1] * factor
 
 
-def _neighbours(chain: Chain, values: Float[Array, "unit k"]) -> list[Float[Array, "unit k"]]:
-    """What the previous and what the next linked unit has; zero where there is none."""
-    joined = chain.joined[:, None]
-    none = jnp.zeros_like(values[:1])
-    previous = jnp.concatenate([none, jnp.where(joined, values[:-1], 0.0)])
-    following = jnp.concatenate([jnp.where(joined, values[1:], 0.0), none])
-    return [previous, following]
-
-
-def _vectors(chain: Chain, points: Float[Array, "unit 2"]) -> list[Float[Array, "unit 2"]]:
-    """From each unit's point to those of the previous and of the next linked unit."""
-    step = jnp.where(chain.joined[:, None], points[1:] - points[:-1], 0.0)
-    none = jnp.zeros_like(points[:1])
-    return [jnp.concatenate([none, -step]), jnp.concatenate([step, none])]
-
-
-def _bearings(chain: Chain) -> Float[Array, "unit 2"]:
-    """Bearing of the previous and of the next unit from each unit's own angle (rad, wrapped)."""
-    exists = _neighbours(chain, chain.present[:, None].astype(chain.units.angle.dtype))
-    towards = _vectors(chain, chain.units.position)
-    bearings = [
-        jnp.where(there[:, 0] > 0, wrap(jnp.arctan2(v[:, 1], v[:, 0]) - chain.units.angle), 0.0)
-        for there, v in zip(exists, towards, strict=True)
-    ]
-    return jnp.stack(bearings, axis=-1)
-
-
-def _place(chain: Chain) -> Float[Array, " unit"]:
-    """Place along the chain, from -1 (first unit) to 1 (last)."""
-    index = jnp.arange(chain.present.shape[0])
-    return 2 * index / jnp.maximum(chain.present.sum() - 1, 1) - 1.0
-
-
-OBSERVATIONS: dict[str, View] = {"table1": table1, "body": body}
+def _indices(row: Row) -> Array:
+    """0, 1, 2, ... along the chain, in the shape of a row."""
+    return jnp.arange(row.shape[0]).reshape(-1, *(1,) * (row.ndim - 1))

@@ -13,6 +13,33 @@ SPAWN = 0.1  # m, the first unit starts with abs(x), abs(y) below this
 RADIUS = (0.05, 0.3)  # m, of target arcs, times max(1, n // 3)
 
 
+class Draw(NamedTuple):
+    """The random numbers of one episode, each uniform in [0, 1): drawn at once, for speed."""
+
+    spawn: Float[Array, "2"]  # place of the first unit
+    angle: Float[Array, ""]  # of the chain
+    distance: Float[Array, "2"]  # of the first target point
+    sign: Float[Array, "2"]  # of its coordinates
+    turn: Float[Array, ""]  # of the whole target
+    radius: Float[Array, ""]  # of its arcs
+    left: Float[Array, ""]  # which way the first arc turns
+    double: Float[Array, ""]  # one arc or two
+
+
+def draw(key: PRNGKeyArray) -> Draw:
+    """Fresh random numbers."""
+    u = jr.uniform(key, (11,))
+    return Draw(u[0:2], u[2], u[3:5], u[5:7], u[7], u[8], u[9], u[10])
+
+
+def _sign(u: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    return jnp.where(u < 0.5, -1.0, 1.0)
+
+
+def _between(low: float, high: float, u: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    return low + (high - low) * u
+
+
 class Bend(NamedTuple):
     """The shape of a target pose: arcs of chords, before it is placed."""
 
@@ -21,11 +48,10 @@ class Bend(NamedTuple):
     double: Float[Array, ""]  # 1 where the second half turns the other way, else 0
 
 
-def spawn(key: PRNGKeyArray, slots: int, length: int | Array) -> Chain:
+def spawn(draw: Draw, slots: int, length: int | Array) -> Chain:
     """A straight chain at rest near the origin, in a random direction; slots past `length` dead."""
-    place_key, turn_key = jr.split(key)
-    first = jr.uniform(place_key, (2,), minval=-SPAWN, maxval=SPAWN)
-    angle = jr.uniform(turn_key, maxval=2 * jnp.pi)
+    first = _between(-SPAWN, SPAWN, draw.spawn)
+    angle = _between(0.0, 2 * jnp.pi, draw.angle)
     along = LINK * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     slot = jnp.arange(slots)
     present = slot < length
@@ -33,26 +59,17 @@ def spawn(key: PRNGKeyArray, slots: int, length: int | Array) -> Chain:
     return at_rest(position, jnp.full(slots, angle), present, present[1:])
 
 
-def target_pose(key: PRNGKeyArray, slots: int, length: int | Array) -> Float[Array, "slots 2"]:
+def target_pose(draw: Draw, slots: int, length: int | Array) -> Float[Array, "slots 2"]:
     """A random target pose (m): one or two arcs, whose size and distance grow with the length."""
-    bend_key, place_key = jr.split(key)
-    x_key, sign_key, turn_key = jr.split(place_key, 3)
-    near = length * LINK
-    distance = jr.uniform(x_key, (2,), minval=1.0, maxval=2.0) * near
-    first = distance * jr.rademacher(sign_key, (2,), distance.dtype)
-    turn = jr.uniform(turn_key, maxval=2 * jnp.pi)
-    return first + curve(random_bend(bend_key, length), turn, slots, length)
+    first = _sign(draw.sign) * _between(1.0, 2.0, draw.distance) * length * LINK
+    turn = _between(0.0, 2 * jnp.pi, draw.turn)
+    return first + curve(random_bend(draw, length), turn, slots, length)
 
 
-def random_bend(key: PRNGKeyArray, length: int | Array) -> Bend:
+def random_bend(draw: Draw, length: int | Array) -> Bend:
     """Radius uniform in 0.05 to 0.3 m times max(1, n // 3), either turn, one arc or two."""
-    radius_key, left_key, double_key = jr.split(key, 3)
-    radius = jr.uniform(radius_key, minval=RADIUS[0], maxval=RADIUS[1])
-    return Bend(
-        radius=radius * jnp.maximum(1, length // 3),
-        left=jr.rademacher(left_key, (), radius.dtype),
-        double=jr.bernoulli(double_key).astype(radius.dtype),
-    )
+    radius = _between(*RADIUS, draw.radius) * jnp.maximum(1, length // 3)
+    return Bend(radius, _sign(draw.left), jnp.where(draw.double < 0.5, 1.0, 0.0))
 
 
 def curve(

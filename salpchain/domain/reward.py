@@ -28,7 +28,8 @@ class Distances(eqx.Module):
 
 def distances(chain: Chain, target: Float[Array, "unit 2"]) -> Distances:
     """Mean distance of the present units to their target points, plain and compressed."""
-    apart = jnp.sqrt(jnp.sum((target - chain.units.position) ** 2, axis=-1))
+    error = (target - chain.units.position).T
+    apart = jnp.sqrt(error[0] ** 2 + error[1] ** 2)
     share = chain.present / jnp.maximum(chain.present.sum(), 1)
     return Distances(jnp.sum(apart * share), jnp.sum(jnp.log1p(apart / FINE_SCALE) * share))
 

@@ -19,8 +19,8 @@ from salpchain.domain.config import (
     STEPS_PER_UNIT,
     TaskConfig,
 )
-from salpchain.domain.observation import OBSERVATIONS
-from salpchain.domain.pose import spawn, target_pose
+from salpchain.domain.observation import observe
+from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.physics.chain import Chain, Physics, step
 
@@ -85,11 +85,12 @@ class SCLD(eqx.Module):
 
         A `length` below `config.length` leaves the last slots dead; it may be traced.
         """
-        spawn_key, target_key, next_key = jr.split(key, 3)
+        draw_key, next_key = jr.split(key)
         slots = self.config.length
         length = slots if length is None else length
-        chain = spawn(spawn_key, slots, length)
-        target = target_pose(target_key, slots, length)
+        chance = draw(draw_key)
+        chain = spawn(chance, slots, length)
+        target = target_pose(chance, slots, length)
         return self.start(chain, target, next_key)
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
@@ -138,7 +139,7 @@ class SCLD(eqx.Module):
 
     def observe(self, chain: Chain, target: Array, thrust: Array) -> Float[Array, "unit feature"]:
         """What the units see."""
-        return OBSERVATIONS[self.config.observation](chain, target, thrust)
+        return observe(self.config.observation, chain, target, thrust)
 
     def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
         """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]

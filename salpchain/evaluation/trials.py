@@ -19,7 +19,7 @@ from salpchain.domain.scld import SCLD, State, where
 from salpchain.evaluation.limits import reachable
 from salpchain.physics.batching import anywhere
 from salpchain.physics.chain import Chain, Physics
-from salpchain.physics.contact import CORNERS, touching_distance
+from salpchain.physics.contact import touching_distance
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
@@ -129,10 +129,10 @@ def _limit(env: SCLD) -> int:
 
 def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progress) -> Trial:
     """All trials at their ends."""
-    limit = _limit(env)
+    begun, limit = trials, _limit(env)
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
-        trials = play(env, controller, trials, jnp.int32(until))
+        trials = play(env, controller, trials, begun, jnp.int32(until))
         if bool(trials.state.done.all()):
             break
         progress(min(until / limit, 1.0))
@@ -141,15 +141,21 @@ def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progre
 
 
 @eqx.filter_jit
-def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
-    """The trials (batch first) after control step `until`, those that have ended as they ended."""
+def play(
+    env: SCLD, controller: Controller, trials: Trial, begun: Trial, until: Int[Array, ""]
+) -> Trial:
+    """The trials (batch first) after control step `until`, those that have ended as they ended.
+
+    In their stead the batch carries them as they had `begun`: a straight chain costs no contact.
+    """
 
     def going(trials: Trial) -> Bool[Array, ""]:
         return (~trials.state.done & (trials.state.time < until)).any()
 
     def advance(trials: Trial) -> Trial:
-        after = jax.vmap(partial(_advance, env, controller))(trials)
-        return where(trials.state.done, trials, after)
+        over = trials.state.done
+        after = jax.vmap(partial(_advance, env, controller))(where(over, begun, trials))
+        return where(over, trials, after)
 
     return jax.lax.while_loop(going, advance, trials)
 
@@ -201,7 +207,7 @@ def _gap(
     axis = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
     side = jnp.stack([-axis[:, 1], axis[:, 0]], axis=-1)
     squares = []
-    for along, across in CORNERS:
+    for along, across in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
         corner = along * half[0] * axis + across * half[1] * side
         point = corner[:, None] - offset
         out = [jnp.abs(jnp.sum(point * x, axis=-1)) - h for x, h in zip((axis, side), half)]

@@ -99,3 +99,16 @@ def anywhere(flag: jax.Array) -> jax.Array:
 @anywhere.def_vmap
 def _(size: int, batched: Any, flag: jax.Array) -> Any:
     return anywhere(jnp.any(flag, axis=0)), False
+
+
+def once(tree: Any, never: jax.Array) -> Any:
+    """The same arrays, computed once and kept, though many operations read them.
+
+    XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
+    never turns stops that; `never` must be false, and XLA must not be able to tell.
+    """
+
+    def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
+        return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
+
+    return jax.lax.while_loop(lambda carry: carry[0], turn, (never, tree))[1]

@@ -8,12 +8,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
 
-CORNERS = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+SIGNS = np.array([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])  # of the four corners
 
 
 def touching_distance(physics: Any) -> Any:
@@ -73,20 +74,24 @@ def _soft_depth(physics: Any, gap: Array) -> Array:
 def _closest(
     half: Any, offset: Array, turn: Array, other_turn: Array
 ) -> tuple[Array, Array, Array]:
-    """Gap, point on the box at the origin, and the unit vector from the other's point to it."""
-    candidates = []
-    for corner in CORNERS:
-        mine = _to_world((corner[0] * half[0], corner[1] * half[1]), turn)
-        theirs = _clamp(half, _to_box(mine - offset, other_turn))
-        candidates.append((mine, offset + _to_world(theirs, other_turn)))
-        tip = offset + _to_world((corner[0] * half[0], corner[1] * half[1]), other_turn)
-        candidates.append((_to_world(_clamp(half, _to_box(tip, turn)), turn), tip))
-    here, there = candidates[0]
-    for mine, theirs in candidates[1:]:
-        closer = _square(mine - theirs) < _square(here - there)
-        here, there = jnp.where(closer, mine, here), jnp.where(closer, theirs, there)
-    between = here - there
-    gap = jnp.sqrt(_square(between))
+    """Gap, point on the box at the origin, and the unit vector from the other's point to it.
+
+    Each corner of either box is paired with the nearest point of the other; the closest pair of
+    the eight counts. Candidates are a new axis behind the coordinates.
+    """
+    corner = jnp.stack([half[i] * SIGNS[i].reshape(4, 1, 1, 1) for i in (0, 1)])
+    offset, turn, other_turn = (x[:, None] for x in (offset, turn, other_turn))
+    theirs = offset + _to_world(corner, other_turn)
+    mine = jnp.broadcast_to(_to_world(corner, turn), theirs.shape)
+    on_theirs = offset + _to_world(_clamp(half, _to_box(mine - offset, other_turn)), other_turn)
+    on_mine = _to_world(_clamp(half, _to_box(theirs, turn)), turn)
+    here = jnp.concatenate([mine, on_mine], axis=1)
+    between = here - jnp.concatenate([on_theirs, theirs], axis=1)
+    square = _square(between)
+    least = square.min(axis=0)
+    pick = (square == least) & (jnp.cumsum(square == least, axis=0) == 1)
+    here, between = (jnp.where(pick, x, 0.0).sum(axis=1) for x in (here, between))
+    gap = jnp.sqrt(least)
     return gap, here, between / jnp.maximum(gap, 1e-9)
 
 
@@ -106,8 +111,8 @@ def _to_box(point: Array, turn: Array) -> Array:
     )
 
 
-def _clamp(half: Any, point: Array) -> tuple[Array, Array]:
-    return (jnp.clip(point[0], -half[0], half[0]), jnp.clip(point[1], -half[1], half[1]))
+def _clamp(half: Any, point: Array) -> Array:
+    return jnp.stack([jnp.clip(point[i], -half[i], half[i]) for i in (0, 1)])
 
 
 def _overlap(half: Any, offset: Array, turn: Array, other_turn: Array) -> Array:
