@@ -1,7 +1,7 @@
 """Progress on the terminal: a live line there, a plain line now and then elsewhere."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -9,6 +9,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -76,3 +77,29 @@ def _score(now: TrainProgress) -> str:
     if now.success is None or now.closed_fraction is None:
         return "no episode has ended yet"
     return f"success {100 * now.success:.0f} %  closed {100 * now.closed_fraction:.0f} %"
+
+
+@contextmanager
+def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
+    """A watcher that is told the share of all work done, and what is being done."""
+    console = Console()
+    if not console.is_terminal:
+        yield _plain_share(console, what)
+        return
+    columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.fields[now]}"))
+    with Progress(*columns, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+                  console=console) as bar:  # fmt: skip
+        task = bar.add_task(what, total=1.0, now="")
+        yield lambda share, now: bar.update(task, completed=share, now=f"{what} {now}")
+
+
+def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
+    last = ""
+
+    def watch(share: float, now: str) -> None:
+        nonlocal last
+        if now != last:
+            last = now
+            console.print(f"{what} {now}  ({100 * share:.0f} % done)", highlight=False)
+
+    return watch

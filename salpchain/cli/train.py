@@ -56,7 +56,7 @@ def run(options: Train) -> int:
     if not options.resume:
         run_folder.check_free(folder)
     from salpchain.cli.display import training_display
-    from salpchain.training.trainer import NotFinite, resume, train
+    from salpchain.training.trainer import NotFiniteError, resume, train
 
     try:
         with training_display(config) as watch:
@@ -64,7 +64,7 @@ def run(options: Train) -> int:
     except KeyboardInterrupt:
         print(f"stopped; saved. Go on with: salpchain train --resume --out {folder}")
         return 130
-    except NotFinite as error:
+    except NotFiniteError as error:
         print(f"salpchain: error: {error}", file=sys.stderr)
         return 1
     _report(summary, folder)

@@ -5,11 +5,11 @@ import jax
 import jax.random as jr
 
 from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig, Model
+from salpchain.control.config import ControlConfig
 from salpchain.domain.config import ACTION_SIZES
 
 
-def num_parameters(model: Model, inputs: int, length: int) -> int:
+def num_parameters(model: str, inputs: int, length: int) -> int:
     """Learnable numbers of a model as the paper counts them: action `pair`, a log-std for each.
 
     Args:

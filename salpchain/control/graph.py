@@ -1,15 +1,11 @@
 """Who listens to whom: graphs over the units of a chain (paper section 3.2.1, Figure 2)."""
 
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-
-from salpchain.physics.chain import Chain
-
-GraphName = Literal["mixed", "full"]
 
 
 class Graph(Protocol):
@@ -70,8 +66,3 @@ def full(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGr
 
 
 GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {"mixed": mixed, "full": full}
-
-
-def graph_of(name: GraphName, chain: Chain) -> Graph:
-    """The named graph over the chain as it is now."""
-    return GRAPHS[name](chain.present, chain.joined)

@@ -1,4 +1,4 @@
-"""Layers that the controllers share, with PyTorch's and PyTorch Geometric's meaning and defaults."""
+"""Layers that controllers share, with the meaning and defaults of PyTorch (Geometric)."""
 
 import equinox as eqx
 import jax

@@ -1,6 +1,6 @@
 """What steers a chain: a learned policy or a hand-written controller, behind one interface."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Protocol
 
 import equinox as eqx
@@ -11,8 +11,6 @@ from salpchain.control.config import ControlConfig
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
-    Action,
-    Observation,
     check_length,
     one_of,
 )
@@ -28,9 +26,9 @@ class PolicyCard:
     """
 
     name: str = "gcn"
-    control: ControlConfig = ControlConfig()
-    observation: Observation = "body"
-    action: Action = "thrust"
+    control: ControlConfig = field(default_factory=ControlConfig)
+    observation: str = "body"
+    action: str = "thrust"
     length: int = 8  # units in training
     steps: int = 0  # chain-steps of training
 

@@ -1,15 +1,11 @@
 """Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 from salpchain.errors import InputError
 
-Observation = Literal["body", "table1"]
-Action = Literal["thrust", "pair"]
-TimeLimit = Literal["fixed", "scaled"]
-
 SHORTEST, LONGEST = 2, 512  # units
+TIME_LIMITS = ("fixed", "scaled")
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
 OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24}
 FIXED_LIMIT = 512  # control steps (the paper's)
@@ -25,9 +21,9 @@ class TaskConfig:
     """
 
     length: int = 8  # number of units; the slots of a batch that mixes lengths
-    observation: Observation = "body"
-    action: Action = "thrust"
-    time_limit: TimeLimit = "fixed"
+    observation: str = "body"  # or table1
+    action: str = "thrust"  # or pair
+    time_limit: str = "fixed"  # or scaled
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
     contact: bool = True  # units collide
     fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
@@ -36,7 +32,7 @@ class TaskConfig:
         check_length(self.length)
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
-        one_of("time limit", self.time_limit, ("fixed", "scaled"))
+        one_of("time limit", self.time_limit, TIME_LIMITS)
         if not self.fine_weight >= 0:
             raise InputError(f"fine weight must be 0 or more, got {self.fine_weight}")
 
@@ -65,6 +61,6 @@ def one_of(what: str, given: object, known: object) -> None:
         raise InputError(f"unknown {what} {given!r}: choose one of {', '.join(names)}")
 
 
-def step_limit(time_limit: TimeLimit, length: int) -> int:
+def step_limit(time_limit: str, length: int) -> int:
     """Control steps until an episode of this length is truncated."""
     return FIXED_LIMIT if time_limit == "fixed" else max(FIXED_LIMIT, STEPS_PER_UNIT * length)

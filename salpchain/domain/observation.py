@@ -154,4 +154,5 @@ def _times(pair: Pair, factor: Array | float) -> Pair:
 
 def _indices(row: Row) -> Array:
     """0, 1, 2, ... along the chain, in the shape of a row."""
-    return jnp.arange(row.shape[0]).reshape(-1, *(1,) * (row.ndim - 1))
+    index = jnp.arange(row.shape[0]).reshape(-1, *(1,) * (row.ndim - 1))
+    return jnp.broadcast_to(index, row.shape)

@@ -16,22 +16,30 @@ class Terms(eqx.Module):
 
     approach: Float[Array, ""]  # m, decrease of the mean distance to the target (equation 6)
     goal: Float[Array, ""]  # 1 where the target pose is taken (equation 7)
-    fine: Float[Array, ""]  # decrease of the mean log distance: ours, potential-based shaping
+    fine: Float[Array, ""]  # decrease of the log distance: ours, potential-based shaping
 
 
 class Distances(eqx.Module):
     """The potentials whose decrease is rewarded."""
 
     mean: Float[Array, ""]  # m, of units to their target points (minus equation 5)
-    log: Float[Array, ""]  # mean of log(1 + distance / FINE_SCALE)
+    log: Float[Array, ""]  # of distances in `FINE_SCALE`: see `distances`
 
 
 def distances(chain: Chain, target: Float[Array, "unit 2"]) -> Distances:
-    """Mean distance of the present units to their target points, plain and compressed."""
+    """Mean distance of the present units to their target points, and its compressed kin.
+
+    The compressed one is half the mean over units of log(1 + distance / scale), which rewards the
+    last centimetres of each unit, and half that logarithm of the root mean square distance, which
+    counts the farthest most. The first alone leaves long chains half in place, half folded away.
+    """
     error = (target - chain.units.position).T
-    apart = jnp.sqrt(error[0] ** 2 + error[1] ** 2)
-    share = chain.present / jnp.maximum(chain.present.sum(), 1)
-    return Distances(jnp.sum(apart * share), jnp.sum(jnp.log1p(apart / FINE_SCALE) * share))
+    square = jnp.where(chain.present, error[0] ** 2 + error[1] ** 2, 0.0)
+    apart = jnp.sqrt(square)
+    share = 1.0 / jnp.maximum(chain.present.sum(), 1)
+    each = jnp.sum(jnp.log1p(apart / FINE_SCALE)) * share
+    together = jnp.log1p(jnp.sqrt(jnp.sum(square) * share) / FINE_SCALE)
+    return Distances(jnp.sum(apart) * share, (each + together) / 2)
 
 
 def reached(chain: Chain, target: Float[Array, "unit 2"]) -> Bool[Array, ""]:

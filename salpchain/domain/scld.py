@@ -44,22 +44,22 @@ class State(eqx.Module):
     key: PRNGKeyArray  # of the next episode
 
     @property
-    def done(self) -> Bool[Array, ""]:
+    def done(self) -> Bool[Array, "*batch"]:
         """Whether the episode is over, for either reason."""
         return self.terminated | self.truncated
 
     @property
-    def goal(self) -> Bool[Array, ""]:
+    def goal(self) -> Bool[Array, "*batch"]:
         """Whether the target pose is taken."""
         return self.terms.goal > 0
 
     @property
-    def length(self) -> Int[Array, ""]:
+    def length(self) -> Int[Array, "*batch"]:
         """Number of units present."""
-        return self.chain.present.sum()
+        return self.chain.present.sum(axis=-1)
 
     @property
-    def closed_fraction(self) -> Float[Array, ""]:
+    def closed_fraction(self) -> Float[Array, "*batch"]:
         """1 - mean distance now / mean distance at reset."""
         return 1.0 - self.distances.mean / self.start_distance
 
@@ -180,9 +180,7 @@ def renew_done(env: SCLD, states: State) -> State:
     def renew(carry: tuple[Array, State]) -> tuple[Array, State]:
         left, states = carry
         chosen = jnp.nonzero(left, size=chunk, fill_value=0)[0]
-        fresh = jax.vmap(env.reset)(
-            states.key[chosen], jax.vmap(lambda s: s.length)(states)[chosen]
-        )
+        fresh = jax.vmap(env.reset)(states.key[chosen], states.length[chosen])
         slot = jnp.cumsum(left) - 1
         filled = left & (slot < chunk)
         placed = jax.tree.map(lambda x: x[jnp.clip(slot, 0, chunk - 1)], fresh)

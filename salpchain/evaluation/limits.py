@@ -79,7 +79,7 @@ def least_distance(
 def reachable(
     physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int
 ) -> Float[Array, ""]:
-    """Largest closed fraction that any controller can have after so many control steps from rest."""
+    """Largest closed fraction that any controller can have so many control steps after rest."""
     distance = jnp.linalg.norm(target - chain.units.position, axis=-1).mean()
     return 1.0 - least_distance(physics, chain, target, steps) / distance
 

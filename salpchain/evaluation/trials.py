@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.policy import Controller
-from salpchain.domain.config import TaskConfig, TimeLimit, step_limit
+from salpchain.domain.config import TaskConfig, step_limit
 from salpchain.domain.scld import SCLD, State, where
+from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
 from salpchain.physics.batching import anywhere
 from salpchain.physics.chain import Chain, Physics
@@ -36,7 +37,7 @@ class Trial(eqx.Module):
     reachable: Float[Array, ""]  # closed fraction that no controller can exceed
     effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
     path: Float[Array, ""]  # m, way of the centroid
-    contact_time: Float[Array, ""]  # s, in which some two units touch
+    contact_steps: Int[Array, ""]  # control steps at whose end some two units touch
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ def run_trials(
     controller: Controller,
     length: int,
     trials: int,
-    time_limit: TimeLimit,
+    time_limit: str,
     seed: int,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
@@ -68,10 +69,10 @@ def run_trials(
     (s) and reachable (the physical limit of closed_fraction).
 
     Raises:
-        ValueError: fewer than one trial, or an impossible length or time limit.
+        InputError: fewer than one trial, or an impossible length or time limit.
     """
     if trials < 1:
-        raise ValueError(f"trials must be 1 or more, got {trials}")
+        raise InputError(f"trials must be 1 or more, got {trials}")
     env = _domain(controller, length, time_limit)
     blocks = -(-trials * length // UNITS_AT_ONCE)
     size = -(-trials // blocks)
@@ -85,7 +86,7 @@ def run_trials(
     return pd.DataFrame({**about, "seed": seed, "time_limit": time_limit, **values})
 
 
-def _domain(controller: Controller, length: int, time_limit: TimeLimit) -> SCLD:
+def _domain(controller: Controller, length: int, time_limit: str) -> SCLD:
     card = controller.card
     return SCLD(TaskConfig(length, card.observation, card.action, time_limit))
 
@@ -95,7 +96,7 @@ def _share(progress: Progress | None, block: int, blocks: int, share: float) -> 
         progress((block + share) / blocks)
 
 
-def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> PRNGKeyArray:
+def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Array, " trial"]:
     """One key for each trial number, the same whatever the controller or the other trials."""
     root = jr.fold_in(jr.fold_in(jr.key(seed, impl="threefry2x32"), STREAM), length)
     return jax.vmap(lambda trial: jr.fold_in(root, trial))(trials)
@@ -106,7 +107,7 @@ def _begin(env: SCLD, seed: int, numbers: Int[Array, " trial"]) -> Trial:
 
 
 @eqx.filter_jit
-def _begin_all(env: SCLD, keys: PRNGKeyArray) -> Trial:
+def _begin_all(env: SCLD, keys: Key[Array, " trial"]) -> Trial:
     return jax.vmap(partial(_begin_one, env))(keys)
 
 
@@ -119,7 +120,7 @@ def _begin_one(env: SCLD, key: PRNGKeyArray) -> Trial:
         reachable=reachable(env.physics, state.chain, state.target, _limit(env)),
         effort=zero,
         path=zero,
-        contact_time=zero,
+        contact_steps=jnp.int32(0),
     )
 
 
@@ -129,10 +130,10 @@ def _limit(env: SCLD) -> int:
 
 def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progress) -> Trial:
     """All trials at their ends."""
-    begun, limit = trials, _limit(env)
+    limit = _limit(env)
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
-        trials = play(env, controller, trials, begun, jnp.int32(until))
+        trials = play(env, controller, trials, jnp.int32(until))
         if bool(trials.state.done.all()):
             break
         progress(min(until / limit, 1.0))
@@ -141,21 +142,15 @@ def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progre
 
 
 @eqx.filter_jit
-def play(
-    env: SCLD, controller: Controller, trials: Trial, begun: Trial, until: Int[Array, ""]
-) -> Trial:
-    """The trials (batch first) after control step `until`, those that have ended as they ended.
-
-    In their stead the batch carries them as they had `begun`: a straight chain costs no contact.
-    """
+def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
+    """The trials (batch first) after control step `until`, those that have ended as they ended."""
 
     def going(trials: Trial) -> Bool[Array, ""]:
         return (~trials.state.done & (trials.state.time < until)).any()
 
     def advance(trials: Trial) -> Trial:
-        over = trials.state.done
-        after = jax.vmap(partial(_advance, env, controller))(where(over, begun, trials))
-        return where(over, trials, after)
+        after = jax.vmap(partial(_advance, env, controller))(trials)
+        return where(trials.state.done, trials, after)
 
     return jax.lax.while_loop(going, advance, trials)
 
@@ -171,7 +166,7 @@ def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
         reachable=trial.reachable,
         effort=trial.effort + jnp.abs(state.thrust).mean() * dt,
         path=trial.path + jnp.linalg.norm(moved),
-        contact_time=trial.contact_time + jnp.where(touching(env.physics, state.chain), dt, 0.0),
+        contact_steps=trial.contact_steps + touching(env.physics, state.chain),
     )
 
 
@@ -184,36 +179,46 @@ def touching(physics: Physics, chain: Chain) -> Bool[Array, ""]:
 
     All pairs of centres are compared; the boxes only if in the batch some centres are near.
     """
-    position = chain.units.position
-    offset = position[None] - position[:, None]
-    near = chain.present & chain.present[:, None] & ~jnp.eye(len(position), dtype=bool)
-    near &= jnp.sum(offset**2, axis=-1) <= touching_distance(physics) ** 2
-    return jax.lax.cond(
-        anywhere(near.any()),
-        lambda: (near & (_gap(physics, offset, chain.units.angle) <= physics.contact_gap)).any(),
-        lambda: jnp.zeros((), bool),
-    )
+
+    def boxes_meet() -> Bool[Array, ""]:
+        return (_near(physics, chain) & (_gap(physics, chain) <= physics.contact_gap)).any()
+
+    some_near = anywhere(_near(physics, chain).any())
+    return jax.lax.cond(some_near, boxes_meet, lambda: jnp.zeros((), bool))
 
 
-def _gap(
-    physics: Physics, offset: Float[Array, "unit unit 2"], angle: Float[Array, " unit"]
-) -> Float[Array, "unit unit"]:
-    """Distance (m) from the nearest corner of box i to box j at `offset[i, j]`, 0 where inside.
+def _offset(chain: Chain) -> Float[Array, "2 unit unit"]:
+    """From unit i to unit j (m); coordinates first, which a CPU does faster."""
+    x, y = chain.units.position.T
+    return jnp.stack([x - x[:, None], y - y[:, None]])
+
+
+def _near(physics: Physics, chain: Chain) -> Bool[Array, "unit unit"]:
+    """Pairs of units near enough to touch, whichever way they are turned."""
+    near = _square(_offset(chain)) <= touching_distance(physics) ** 2
+    return near & chain.present & chain.present[:, None] & ~jnp.eye(len(near), dtype=bool)
+
+
+def _square(vector: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
+    return vector[0] ** 2 + vector[1] ** 2
+
+
+def _gap(physics: Physics, chain: Chain) -> Float[Array, "unit unit"]:
+    """Distance (m) from the nearest corner of box i to box j, 0 where it is inside.
 
     The smaller of [i, j] and [j, i] is the gap of the two boxes, unless they cross like a plus;
-    then their centres are so near that they count as touching.
+    then their centres are nearer than a box is long, and the gap is 0.
     """
-    half = jnp.array([physics.unit_length, physics.unit_width]) / 2
-    axis = jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
-    side = jnp.stack([-axis[:, 1], axis[:, 0]], axis=-1)
-    squares = []
-    for along, across in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
-        corner = along * half[0] * axis + across * half[1] * side
-        point = corner[:, None] - offset
-        out = [jnp.abs(jnp.sum(point * x, axis=-1)) - h for x, h in zip((axis, side), half)]
-        squares.append(sum(jnp.maximum(x, 0.0) ** 2 for x in out))
-    gap = jnp.sqrt(jnp.min(jnp.stack(squares), axis=0))
-    return jnp.where(jnp.sum(offset**2, axis=-1) <= physics.unit_length**2, 0.0, gap)
+    length, width = physics.unit_length / 2, physics.unit_width / 2
+    cos, sin, offset = jnp.cos(chain.units.angle), jnp.sin(chain.units.angle), _offset(chain)
+    least = jnp.full(offset.shape[1:], jnp.inf)
+    for along, across in ((length, width), (length, -width), (-length, -width), (-length, width)):
+        x = (along * cos - across * sin)[:, None] - offset[0]
+        y = (along * sin + across * cos)[:, None] - offset[1]
+        ahead = jnp.maximum(jnp.abs(cos * x + sin * y) - length, 0.0)
+        aside = jnp.maximum(jnp.abs(cos * y - sin * x) - width, 0.0)
+        least = jnp.minimum(least, ahead**2 + aside**2)
+    return jnp.where(_square(offset) <= physics.unit_length**2, 0.0, jnp.sqrt(least))
 
 
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
@@ -233,13 +238,13 @@ def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
         "steps": time,
         "thrust_effort": np.asarray(trials.effort, np.float64),
         "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
-        "contact_time": np.asarray(trials.contact_time, np.float64),
+        "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
         "reachable": np.asarray(trials.reachable, np.float64),
     }
 
 
 def record_swim(
-    controller: Controller, length: int, time_limit: TimeLimit, seed: int, trial: int = 0
+    controller: Controller, length: int, time_limit: str, seed: int, trial: int = 0
 ) -> Swim:
     """One trial, the same start as in `run_trials`, with its positions at every control step.
 

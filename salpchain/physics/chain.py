@@ -1,5 +1,7 @@
 """A chain of units and links: its state, its constants, and one control step of its dynamics."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,7 +37,7 @@ class Chain(eqx.Module):
     linked: Bool[Array, " link"]
 
     @property
-    def joined(self) -> Bool[Array, " link"]:
+    def joined(self) -> Bool[Array, "link *batch"]:
         """Links that act: linked, with both units present."""
         return self.linked & self.present[:-1] & self.present[1:]
 
@@ -143,9 +145,7 @@ def step(
 
 
 @over_the_batch
-def _step(
-    contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Array
-) -> list[Array]:
+def _step(contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any) -> list[Array]:
     """The fields of units and links after `step`, for a batch whose axis is last in every array."""
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)

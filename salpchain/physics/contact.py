@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Shaped
 
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
@@ -42,7 +42,7 @@ def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Mot
     return jax.lax.cond(near.any(), load, nothing)
 
 
-def _at(x: Float[Array, "unit batch"], partner: Int[Array, "partner unit batch"]) -> Array:
+def _at(x: Shaped[Array, "unit batch"], partner: Int[Array, "partner unit batch"]) -> Array:
     return jax.vmap(lambda p: jnp.take_along_axis(x, p, axis=0))(partner)
 
 

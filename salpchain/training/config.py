@@ -1,4 +1,4 @@
-"""Settings of a training run. Imports nothing heavy: the command line's help reads these classes."""
+"""Settings of a training run. Imports nothing heavy: the command line's help reads it."""
 
 from dataclasses import dataclass, field
 

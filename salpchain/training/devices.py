@@ -1,5 +1,6 @@
 """Devices that share out the chains of one run."""
 
+import contextlib
 import os
 
 import jax
@@ -17,10 +18,8 @@ def use_devices(count: int | None = None) -> int:
         InputError: fewer devices than asked for.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    try:
+    with contextlib.suppress(RuntimeError):  # JAX has started: its devices are what they are
         jax.config.update("jax_num_cpu_devices", count or cores or 1)
-    except RuntimeError:  # JAX has started: its devices are what they are
-        pass
     there = jax.local_device_count()
     if count is not None and there < count:
         raise InputError(f"the run shares its chains over {count} devices, here are only {there}")

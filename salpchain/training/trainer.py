@@ -35,7 +35,7 @@ RECENT = 200  # finished episodes over which success is shown while training (ch
 Row = dict[str, float]
 
 
-class NotFinite(RuntimeError):
+class NotFiniteError(RuntimeError):
     """A number that is not finite turned up in training; the message says where."""
 
 
@@ -81,7 +81,7 @@ def train(config: TrainConfig, run: Path, watch: Watch | None = None) -> dict[st
 
     Raises:
         InputError: the folder is already used.
-        NotFinite: a loss or weight is no longer a number; the last good checkpoint is kept.
+        NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
     """
     devices = share(config.ppo.envs, use_devices())
@@ -202,7 +202,7 @@ def _check_finite(row: Row, metrics: Metrics, run: Path) -> None:
     """Stops at the first number that is not finite, in the order in which they arise."""
     bad = [name for name, fine in vars(metrics.finite).items() if not bool(fine)]
     if bad:
-        raise NotFinite(
+        raise NotFiniteError(
             f"training stopped at iteration {int(row['iteration'])}: not a finite number in the"
             f" {bad[0]} (also: {', '.join(bad[1:]) or 'nothing else'}); the last good checkpoint"
             f" is kept in {run}; try a lower learning rate or another seed"

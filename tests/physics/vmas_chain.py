@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from salpchain.physics.chain import Bodies, Chain
 
 torch = pytest.importorskip("torch")
+torch.set_num_threads(1)  # VMAS's arrays are tiny here; more threads only wait for each other
+
 core = pytest.importorskip("vmas.simulator.core")
 joints = pytest.importorskip("vmas.simulator.joints")
 
@@ -56,6 +59,29 @@ class VmasChains:
             unit.state.force = _tensor(thrust[:, index, None]) * across
         self.world.step()
 
+    def record_contact(self):
+        """A list to which every substep from now on adds the largest contact force (N)."""
+        world, forces = self.world, []
+        collide = world._box_box_vectorized_collision
+
+        def recording(pairs):
+            before = dict(world.forces_dict)
+            collide(pairs)
+            change = [world.forces_dict[unit] - before[unit] for unit in self.units]
+            forces.append(max(float(force.norm(dim=-1).max()) for force in change))
+
+        world._box_box_vectorized_collision = recording
+        return forces
+
+    def box_on_box(self):
+        """Contact force (2, batch) N and torque (batch,) N m on the first unit, by the second."""
+        world, units = self.world, self.units[:2]
+        world.forces_dict = {unit: torch.zeros_like(unit.state.pos) for unit in units}
+        world.torques_dict = {unit: torch.zeros_like(unit.state.rot) for unit in units}
+        world._box_box_vectorized_collision([tuple(units)])
+        force, torque = world.forces_dict[units[0]], world.torques_dict[units[0]]
+        return force.numpy().T, torque.numpy()[:, 0]
+
     @property
     def position(self):
         """Positions of the units, (batch, unit, 2) m."""
@@ -66,14 +92,13 @@ class VmasChains:
         """The state now as a batch of our chains."""
         links = [joint.landmark for joint in self.joints]
         rest = [[side.fixed_rotation for side in j.joint_constraints] for j in self.joints]
-        ones = np.ones((self.world.batch_dim, len(self.units)), bool)
-        return Chain(
-            units=_bodies(self.units),
-            links=_bodies(links),
-            rest_angle=jnp.array(np.stack([np.concatenate(r, 1) for r in rest], 1)),
-            present=jnp.array(ones),
-            linked=jnp.array(ones[:, 1:]),
-        )
+        rest = np.stack([np.concatenate(sides, 1) for sides in rest], 1)
+        return jax.vmap(_chain)(_fields(self.units), _fields(links), rest)
+
+
+def _chain(units, links, rest_angle) -> Chain:
+    present = jnp.ones(units[1].shape, bool)
+    return Chain(Bodies(*units), Bodies(*links), rest_angle, present, present[1:])
 
 
 def _tensor(array):
@@ -91,9 +116,9 @@ def _joint(first, second):
     )
 
 
-def _bodies(entities) -> Bodies:
-    fields = ("pos", "rot", "vel", "ang_vel")
-    values = [np.stack([getattr(e.state, f).numpy() for e in entities], 1) for f in fields]
+def _fields(entities):
+    """Position, angle, velocity and angular velocity, (batch, body, ...)."""
+    names = ("pos", "rot", "vel", "ang_vel")
+    values = [np.stack([getattr(e.state, n).numpy() for e in entities], 1) for n in names]
     position, angle, velocity, spin = values
-    arrays = (position, angle[..., 0], velocity, spin[..., 0])
-    return Bodies(*(jnp.array(array) for array in arrays))
+    return position, angle[..., 0], velocity, spin[..., 0]

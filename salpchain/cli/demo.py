@@ -1,0 +1,87 @@
+"""`salpchain demo`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from salpchain.cli import train as train_command
+from salpchain.cli.options import number
+from salpchain.evaluation.config import parse_lengths
+from salpchain.training import run_folder
+
+SWIM_LENGTHS = (4, 8, 16, 32, 64)
+SHOWN_SEED = 20  # of the starts in the picture; not those of the test
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Train on 8 units with the quick preset, test on 4 to 64, write figures and a table.
+
+    Killed half way, the same command goes on from the last checkpoint.
+
+    Example: salpchain demo --out demo
+    """
+
+    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = "demo"
+    """Folder for the run, the evaluation and the figures."""
+    seed: Annotated[str, tyro.conf.arg(metavar="INT")] = "0"
+    """Seed of the training."""
+    steps: Annotated[str, tyro.conf.arg(metavar="INT")] = ""
+    """Chain-steps of training. Default: the preset's."""
+    lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "4:64:4"
+    """Lengths to test."""
+    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "50"
+    """Episodes of each length."""
+
+
+def run(options: Demo) -> int:
+    """The whole path."""
+    folder = Path(options.out)
+    lengths = parse_lengths(options.lengths)
+    trials = number("trials", options.trials)
+    status = _train(options, folder / "run")
+    if status:
+        return status
+    _test(folder, lengths, trials)
+    _draw(folder)
+    return 0
+
+
+def _train(options: Demo, run: Path) -> int:
+    """Trains, or goes on with a training that was interrupted; nothing if it is whole."""
+    if (run / run_folder.SUMMARY_FILE).exists():
+        print(f"{run} is trained already")
+        return 0
+    resume = (run / run_folder.CONFIG_FILE).exists()
+    asked = train_command.Train(
+        out=str(run), preset="quick", seed=options.seed, steps=options.steps, resume=resume
+    )
+    return train_command.run(asked)
+
+
+def _test(folder: Path, lengths: list[int], trials: int) -> None:
+    from rich.console import Console
+
+    from salpchain.cli.display import share_display
+    from salpchain.control.storage import load
+    from salpchain.evaluation.evaluate import evaluate, table
+
+    policy = load(folder / "run")
+    with share_display("testing") as watch:
+        summary = evaluate(policy, lengths, trials, "scaled", 0, folder, progress=watch)
+    Console().print(table(summary))
+
+
+def _draw(folder: Path) -> None:
+    from salpchain.control.storage import load
+    from salpchain.evaluation.trials import record_swim
+    from salpchain.report import figures
+
+    figures.learning_curves([folder / "run"], folder / "learning.png")
+    figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
+    policy = load(folder / "run")
+    swims: list[Any] = [record_swim(policy, n, "scaled", SHOWN_SEED, 0) for n in SWIM_LENGTHS]
+    figures.chains_picture(swims, folder / "chains.png")
+    print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")

@@ -1,0 +1,103 @@
+"""`salpchain evaluate`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from salpchain.cli.options import number, positive
+from salpchain.domain.config import TIME_LIMITS, one_of
+from salpchain.errors import InputError
+from salpchain.evaluation.config import parse_lengths
+
+if TYPE_CHECKING:
+    from salpchain.control.policy import Controller
+
+SINGLE_LENGTH = ("mlp",)  # models that work at their own length only
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Test a policy, unchanged, on chains of many lengths, beside the greedy baseline.
+
+    Every length is played from the same random starts, whatever the policy. Writes evaluation.csv
+    (a row for each trial) and evaluation.json (means, medians and 95 % intervals by length).
+
+    Example: salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
+    """
+
+    policy: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="RUN_OR_POLICY")]] = ""
+    """A run folder, a policy.safetensors, or greedy."""
+    lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "4:64:4"
+    """Lengths to play, the last included."""
+    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "50"
+    """Episodes of each length."""
+    time_limit: Annotated[str, tyro.conf.arg(metavar="fixed|scaled")] = "fixed"
+    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    seed: Annotated[str, tyro.conf.arg(metavar="INT")] = "0"
+    """Seed of the starts; keep it apart from the seeds of training."""
+    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = ""
+    """Folder for the two files. Default: evaluation in the run folder, else the working folder."""
+
+
+def run(options: Evaluate) -> None:
+    """Plays all trials and prints the table."""
+    if not options.policy:
+        raise InputError("salpchain evaluate needs a run folder or a policy, e.g. runs/eight")
+    lengths = parse_lengths(options.lengths)
+    trials, seed = positive("trials", options.trials), number("seed", options.seed)
+    one_of("time limit", options.time_limit, TIME_LIMITS)
+    controller = controller_of(options.policy)
+    check_lengths(controller, lengths)
+    out = Path(options.out) if options.out else default_out(options.policy)
+    out.mkdir(parents=True, exist_ok=True)
+    from salpchain.cli.display import share_display
+    from salpchain.evaluation.evaluate import evaluate, table
+
+    with share_display("testing") as watch:
+        summary = evaluate(
+            controller, lengths, trials, options.time_limit, seed, out, progress=watch
+        )
+    from rich.console import Console
+
+    Console().print(table(summary))
+    print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
+
+
+def controller_of(name: str) -> "Controller":
+    """The controller that a name or path on the command line means.
+
+    Raises:
+        InputError: neither a known name, nor a run folder, nor a policy file.
+    """
+    if name == "greedy":
+        from salpchain.control.greedy import Greedy
+
+        return Greedy()
+    if not Path(name).exists():
+        raise InputError(f"no such run folder or policy: {name} (a path, or greedy)")
+    from salpchain.control.storage import load
+
+    return load(name)
+
+
+def check_lengths(controller: "Controller", lengths: list[int]) -> None:
+    """Nothing, if the controller can steer chains of all these lengths.
+
+    Raises:
+        InputError: it works at its own length only.
+    """
+    card = controller.card
+    others = [length for length in lengths if length != card.length]
+    if card.control.model in SINGLE_LENGTH and others:
+        raise InputError(
+            f"{card.name} is an {card.control.model} and works at {card.length} units only,"
+            f" got {others[0]}: use --lengths {card.length}"
+        )
+
+
+def default_out(policy: str) -> Path:
+    """Where the files go when the user does not say."""
+    path = Path(policy)
+    return path / "evaluation" if path.is_dir() else Path()

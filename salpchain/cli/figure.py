@@ -1,0 +1,64 @@
+"""`salpchain figure`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from salpchain.domain.config import one_of
+from salpchain.errors import InputError
+
+KINDS = ("learning", "zero-shot")
+SUFFIXES = (".png", ".pdf")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Draw learning curves of runs, or zero-shot curves of evaluations, as PNG and PDF.
+
+    learning takes run folders; runs that differ in their seed alone are averaged (mean and
+    standard error). zero-shot takes folders with an evaluation.json, or such files.
+
+    Example: salpchain figure zero-shot results/eight --out figures/zero-shot.png
+    """
+
+    kind: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="learning|zero-shot")]] = ""
+    """What to draw."""
+    sources: tyro.conf.Positional[tuple[str, ...]] = ()
+    """Run folders (learning), or evaluations (zero-shot)."""
+    out: Annotated[str, tyro.conf.arg(metavar="FILE.png")] = ""
+    """The picture; the PDF is written beside it. Default: KIND.png in the working folder."""
+
+
+def run(options: Figure) -> None:
+    """Draws the figure."""
+    one_of("figure", options.kind, KINDS)
+    if not options.sources:
+        raise InputError(f"salpchain figure {options.kind} needs at least one folder to draw")
+    out = Path(options.out or f"{options.kind}.png")
+    if out.suffix not in SUFFIXES:
+        raise InputError(f"--out must end in .png or .pdf, got {options.out}")
+    if not out.parent.is_dir():
+        raise InputError(f"no such folder for --out: {out.parent}")
+    from salpchain.report import figures
+
+    paths = [Path(source) for source in options.sources]
+    if options.kind == "learning":
+        figures.learning_curves(paths, out)
+    else:
+        figures.zero_shot([evaluation_file(path) for path in paths], out)
+    print(f"wrote {out.with_suffix('.png')} and {out.with_suffix('.pdf')}")
+
+
+def evaluation_file(path: Path) -> Path:
+    """The evaluation.json that a path on the command line means.
+
+    Raises:
+        InputError: there is none.
+    """
+    places = [path, path / "evaluation.json", path / "evaluation" / "evaluation.json"]
+    for place in places:
+        if place.is_file():
+            return place
+    raise InputError(f"{path} has no evaluation.json: make one with salpchain evaluate")

@@ -1,0 +1,110 @@
+"""How many chain-steps per second this machine does: compile time apart, median of several."""
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.random as jr
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as Spec
+from jaxtyping import Array, PRNGKeyArray
+
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD, State, renew_done
+from salpchain.physics.chain import step
+
+AXIS = "devices"
+TARGET_SECONDS = 0.4  # of one timed run (chosen)
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One measurement."""
+
+    part: str  # physics, physics without contact, environment, environment without contact
+    length: int  # units
+    envs: int  # chains at once, over all devices
+    devices: int
+    steps_per_second: float  # chain-steps
+    compile_seconds: float
+
+
+Advance = Callable[[SCLD, State, Array], Any]
+
+
+def environment(env: SCLD, states: State, action: Array) -> State:
+    """The whole step: thrust, physics, contact, observation, reward, goal, auto-reset."""
+    return renew_done(env, jax.vmap(env.step)(states, action))
+
+
+def physics(env: SCLD, states: State, action: Array) -> State:
+    """The physics alone."""
+    move = partial(step, physics=env.physics, contact=env.config.contact)
+    chain = jax.vmap(move)(states.chain, action[..., 0])
+    return eqx.tree_at(lambda s: s.chain, states, chain)
+
+
+PARTS: dict[str, tuple[Advance, bool]] = {
+    "environment": (environment, True),
+    "environment without contact": (environment, False),
+    "physics": (physics, True),
+    "physics without contact": (physics, False),
+}
+
+
+def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
+    """The speed of a part under random thrust, `envs` chains shared out over the devices."""
+    advance, contact = PARTS[part]
+    env = SCLD(TaskConfig(length=length, contact=contact))
+    mesh = jax.make_mesh((devices,), (AXIS,), devices=jax.devices()[:devices])
+    share = envs // devices
+    states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), share * devices))
+    states = jax.device_put(states, NamedSharding(mesh, Spec(AXIS)))
+    started = time.perf_counter()
+    steps = 8
+    run = _compiled(env, advance, mesh, steps, states)
+    compile_seconds = time.perf_counter() - started
+    states, first = _timed(run, states)
+    steps = max(8, int(steps * TARGET_SECONDS / first))
+    run = _compiled(env, advance, mesh, steps, states)
+    states, _ = _timed(run, states)
+    times = []
+    for _ in range(REPEATS):
+        states, seconds = _timed(run, states)
+        times.append(seconds)
+    rate = share * devices * steps / statistics.median(times)
+    return Speed(part, length, share * devices, devices, rate, compile_seconds)
+
+
+def _compiled(env: SCLD, advance: Advance, mesh: Mesh, steps: int, states: State) -> Any:
+    def run(states: State, key: PRNGKeyArray) -> State:
+        key = jr.fold_in(key, jax.lax.axis_index(AXIS))
+        shape = (states.time.shape[0], env.config.length, env.action_size)
+
+        def turn(states: State, key: PRNGKeyArray) -> tuple[State, None]:
+            return advance(env, states, jr.uniform(key, shape, minval=-1.0, maxval=1.0)), None
+
+        return jax.lax.scan(turn, states, jr.split(key, steps))[0]
+
+    spread = jax.shard_map(
+        run, mesh=mesh, in_specs=(Spec(AXIS), Spec()), out_specs=Spec(AXIS), check_vma=False
+    )
+    return jax.jit(spread).lower(states, jr.key(1)).compile()
+
+
+def _timed(run: Any, states: State) -> tuple[State, float]:
+    started = time.perf_counter()
+    after = jax.block_until_ready(run(states, jr.key(1)))
+    return after, time.perf_counter() - started
+
+
+def best(part: str, length: int, batches: tuple[int, ...], devices: int = 1) -> Speed:
+    """The fastest of several batch sizes."""
+    speeds = [measure(part, length, envs, devices) for envs in batches]
+    return max(speeds, key=lambda speed: speed.steps_per_second)

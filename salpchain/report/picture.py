@@ -1,0 +1,223 @@
+"""A picture of recorded swims: where chains of several lengths started, swam and ended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
+
+from salpchain.errors import InputError
+from salpchain.evaluation.trials import Swim
+from salpchain.physics.chain import Physics
+
+WIDTH = 10.0  # inches, of the picture
+GAP = 0.12  # inches, between panels
+HEADER = 0.42  # inches, above the swim in each panel
+WATER, INK, FAINT = "#0d2438", "#f2f6fa", "#8fa9bf"
+PLACES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.22, 1.0, 256)))
+POSES = 5  # shown between the first and the last (chosen)
+REACHED = 0.0513  # m, half the width of the target's band: the goal's distance
+SHAPES = (0.62, 2.6)  # lowest and highest width of a swim for its height
+
+Points = Float[np.ndarray, "point 2"]
+
+
+@dataclass(frozen=True)
+class View:
+    """A swim turned so that it leads to the right, and the rectangle (m) that holds it."""
+
+    swim: Swim
+    turn: Float[np.ndarray, "2 2"]
+    low: Float[np.ndarray, "2"]
+    size: Float[np.ndarray, "2"]
+
+    @property
+    def shape(self) -> float:
+        """Width for a height of one."""
+        return float(self.size[0] / self.size[1])
+
+
+def chains_picture(swims: Sequence[Swim], out: Path, rows: int | None = None) -> Path:
+    """The swims as one PNG picture, each turned so that it leads to the right; returns its path.
+
+    In each panel: the start pose in outline, the ways of the units, poses in between, the final
+    pose coloured by place in the chain, on the target pose as a band as wide as the goal allows;
+    length, time and closed fraction; a scale bar. Units are drawn in their true size.
+
+    Raises:
+        InputError: no swims.
+    """
+    if not swims:
+        raise InputError("a picture needs at least one swim")
+    lines = _lines([_view(swim) for swim in swims], rows or (len(swims) + 2) // 3)
+    heights = [_height(line) for line in lines]
+    total = sum(heights) + GAP * (len(lines) + 1) + HEADER * len(lines)
+    figure = Figure(figsize=(WIDTH, total), dpi=200, facecolor="none")
+    top = total - GAP
+    for line, height in zip(lines, heights, strict=True):
+        left, panel_height = GAP, height + HEADER
+        for view in line:
+            width = height * view.shape
+            place = (left, top - panel_height, width, panel_height)
+            _draw(_panel(figure, place, total), view, view.size[1] / height, place)
+            left += width + GAP
+        top -= panel_height + GAP
+    out.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(out.with_suffix(".png"))
+    return out.with_suffix(".png")
+
+
+def _view(swim: Swim) -> View:
+    """The swim turned by the bearing of its target, in a rectangle of moderate shape."""
+    away = swim.target.mean(axis=0) - swim.positions[0].mean(axis=0)
+    cos, sin = away / max(np.linalg.norm(away), 1e-9)
+    turn = np.array([[cos, sin], [-sin, cos]])
+    points = np.concatenate([swim.positions.reshape(-1, 2), swim.target]) @ turn.T
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.06 + 0.03 * (high - low).max()
+    size = high - low + 2 * margin
+    wanted = np.clip(size[0] / size[1], *SHAPES)
+    grown = np.maximum(size, [size[1] * wanted, size[0] / wanted])
+    return View(swim, turn, low - margin - (grown - size) / 2, grown)
+
+
+def _lines(views: list[View], rows: int) -> list[list[View]]:
+    """The views in so many lines of much the same width, in their order."""
+    widths = np.array([view.shape for view in views])
+    middle = np.cumsum(widths) - widths / 2
+    line = np.floor(rows * middle / widths.sum()).astype(int)
+    split = [[v for v, at in zip(views, line, strict=True) if at == row] for row in range(rows)]
+    return [members for members in split if members]
+
+
+def _height(line: list[View]) -> float:
+    """Height (inches) at which the swims of a line fill the width."""
+    return (WIDTH - GAP * (len(line) + 1)) / sum(view.shape for view in line)
+
+
+def _panel(figure: Figure, place: tuple[float, float, float, float], total: float) -> Axes:
+    left, bottom, width, height = place
+    panel = figure.add_axes((left / WIDTH, bottom / total, width / WIDTH, height / total))
+    panel.set_axis_off()
+    corner = FancyBboxPatch(
+        (0, 0), 1, 1, boxstyle="round,pad=0,rounding_size=0.02", transform=panel.transAxes,
+        mutation_aspect=width / height, facecolor=WATER, edgecolor="none", zorder=0, clip_on=False,
+    )  # fmt: skip
+    panel.add_patch(corner)
+    return panel
+
+
+def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, float, float]) -> None:
+    """One swim; `scale` is metres for each inch."""
+    (x, y), (width, height) = view.low, view.size
+    panel.set_xlim(x, x + width)
+    panel.set_ylim(y, y + height + HEADER * scale)
+    point = scale / 72
+    swim, turned = view.swim, view.swim.positions @ view.turn.T
+    angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
+    _draw_target(panel, view.swim.target @ view.turn.T, point)
+    _draw_ways(panel, turned)
+    for time, strength in _moments(turned):
+        _draw_chain(panel, turned[time], swim.angles[time] + angle, strength, point)
+    _draw_words(panel, view, place, point)
+
+
+def _moments(positions: Float[np.ndarray, "time unit 2"]) -> list[tuple[int, float]]:
+    """Times at which the chain has gone equal parts of its way, and how strongly to draw them."""
+    moved = np.linalg.norm(np.diff(positions, axis=0), axis=-1).mean(axis=1)
+    way = np.concatenate([[0.0], np.cumsum(moved)])
+    parts = np.linspace(0, 1, POSES + 2)
+    times = [int(np.argmax(way >= part * way[-1])) for part in parts]
+    between = [(t, 0.16 + 0.3 * part) for t, part in zip(times[1:-1], parts[1:-1], strict=True)]
+    return [(0, 0.0), *between, (len(positions) - 1, 1.0)]
+
+
+def _draw_target(panel: Axes, target: Points, point: float) -> None:
+    """The target pose as a band within which the goal is reached, with its points."""
+    wide = 2 * REACHED / point
+    for width, colour in ((wide, "#5f8fb0"), (max(wide - 1.6, 0), "#1c3d57")):
+        panel.plot(*target.T, color=colour, linewidth=width, zorder=1, **_ROUND)
+    panel.scatter(*target.T, s=(0.016 / point) ** 2, color="#7fb2d6", linewidths=0, zorder=1.5)
+
+
+_ROUND: dict[str, Any] = {"solid_capstyle": "round", "solid_joinstyle": "round"}
+
+
+def _draw_ways(panel: Axes, positions: Float[np.ndarray, "time unit 2"]) -> None:
+    """The way of each unit, brighter towards its end."""
+    stride = max(1, len(positions) // 250)
+    ways = np.concatenate([positions[:-1:stride], positions[-1:]])
+    age = np.linspace(0.05, 0.42, len(ways) - 1)
+    for unit, colour in enumerate(_colours(positions.shape[1])):
+        pieces = np.stack([ways[:-1, unit], ways[1:, unit]], axis=1)
+        shades = np.column_stack([np.tile(colour[:3], (len(age), 1)), age])
+        width = min(0.8, 6 / positions.shape[1] + 0.2)
+        panel.add_collection(LineCollection(list(pieces), colors=shades, linewidths=width, zorder=2))
+
+
+def _draw_chain(
+    panel: Axes, position: Points, angle: Float[np.ndarray, " unit"], strength: float, point: float
+) -> None:
+    """Units and links; in outline at strength 0, the start."""
+    colours = _colours(len(position))
+    link = 0.012 / point
+    alpha = max(strength, 0.35)
+    panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
+    boxes = _boxes(position, angle)
+    if strength == 0:
+        edge = {"facecolors": WATER, "edgecolors": FAINT, "linewidths": max(0.004 / point, 0.3)}
+    elif strength < 1:
+        edge = {"facecolors": colours * [1, 1, 1, strength], "edgecolors": "none"}
+    else:
+        edge = {"facecolors": colours, "edgecolors": WATER, "linewidths": 0.004 / point}
+    panel.add_collection(PolyCollection(list(boxes), zorder=3 + strength, **edge))
+
+
+def _colours(count: int) -> Float[np.ndarray, "unit 4"]:
+    return np.asarray(PLACES(np.linspace(0, 1, count)))
+
+
+def _boxes(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "unit k 2"]:
+    """Outlines of units with rounded corners (m)."""
+    physics, radius = Physics(), 0.012
+    quarter = np.linspace(0, np.pi / 2, 5)
+    bow = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
+    signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], 5, axis=0)
+    half = np.array([physics.unit_length, physics.unit_width]) / 2 - radius
+    outline = signs * half + radius * np.column_stack([np.cos(bow), np.sin(bow)])
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    x, y = outline.T
+    return position[:, None] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
+def _draw_words(
+    panel: Axes, view: View, place: tuple[float, float, float, float], point: float
+) -> None:
+    """Length, clock and closed fraction above the swim, and a scale bar in a corner."""
+    swim, (_, _, width, height) = view.swim, place
+    line = 1 - 0.24 / height
+    apart = np.linalg.norm(swim.positions - swim.target, axis=-1).mean(axis=1)
+    time = (len(swim.positions) - 1) * swim.dt
+    words = f"{time:.0f} s    {100 * (1 - apart[-1] / apart[0]):.1f} % closed"
+    text = {"transform": panel.transAxes, "va": "center", "zorder": 9}
+    panel.text(0.16 / width, line, f"{swim.length} units", color=INK, size=11, weight="bold", **text)
+    panel.text(1 - 0.16 / width, line, words, color=FAINT, size=8, ha="right", **text)
+    bar = _round_length(view.size[0] / 5)
+    right, low = view.low[0] + view.size[0] - 11 * point, view.low[1] + 10 * point
+    panel.plot([right - bar, right], [low, low], color=INK, linewidth=1.4, zorder=9)
+    name = f"{bar:g} m" if bar >= 1 else f"{100 * bar:.0f} cm"
+    panel.text(right - bar / 2, low + 3 * point, name, color=INK, size=7.5, ha="center", zorder=9)
+
+
+def _round_length(length: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten that is not longer."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(k for k in (1, 2, 5) if k * power <= length * (1 + 1e-9)))

@@ -1,0 +1,120 @@
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.domain.observation import observe
+from salpchain.domain.scld import SCLD
+
+
+@functools.cache
+def compiled(slots, observation):
+    env = SCLD(TaskConfig(length=slots, observation=observation))
+    return jax.jit(env.reset), jax.jit(env.step)
+
+
+def swum(length, slots=None, observation="body", seed=0, steps=15):
+    """A state some steps after a reset, under random thrust."""
+    reset, step = compiled(slots or length, observation)
+    state = reset(jr.key(seed), length)
+    for key in jr.split(jr.key(seed + 1), steps):
+        state = step(state, jr.uniform(key, (slots or length, 1), minval=-1, maxval=1))
+    return state
+
+
+def by_hand(state, i):
+    """Table 1 of the paper for unit i, a number at a time."""
+    units = jax.tree.map(np.asarray, state.chain.units)
+    target, thrust = np.asarray(state.target), np.asarray(state.thrust)
+    n, p, a = len(thrust), units.position, units.angle
+
+    def wrapped(x):
+        return (x + np.pi) % (2 * np.pi) - np.pi
+
+    def bearing(j):
+        if not 0 <= j < n:
+            return 0.0
+        dx, dy = p[j] - p[i]
+        return wrapped(np.arctan2(dy, dx) - a[i])
+
+    def force(j):
+        if not 0 <= j < n:
+            return [0.0, 0.0]
+        up = a[j] + np.pi / 2  # a positive thrust pushes along the unit's angle + 90 degrees
+        return [thrust[j] * np.cos(up), thrust[j] * np.sin(up)]
+
+    return np.array(
+        [
+            *[(i % 16) // 2**bit % 2 for bit in range(4)],
+            *p[i],
+            *units.velocity[i],
+            wrapped(a[i]),
+            units.angular_velocity[i],
+            *(units.velocity[i] - units.velocity.mean(0)),
+            *(p[i] - p.mean(0)),
+            *(p[i] - target.mean(0)),
+            *(target[i] - p[i]),
+            bearing(i - 1),
+            bearing(i + 1),
+            *force(i - 1),
+            *force(i + 1),
+        ]
+    )
+
+
+@pytest.mark.parametrize("length", [2, 8, 20])
+def test_table1_is_the_papers_table_read_number_by_number(length):
+    state = swum(length, observation="table1")
+    expected = np.stack([by_hand(state, i) for i in range(length)])
+    np.testing.assert_allclose(state.obs, expected, atol=2e-5)
+
+
+def moved(state, turn, shift):
+    """The same situation seen from elsewhere: everything turned about the origin and shifted."""
+    rotation = jnp.array([[jnp.cos(turn), -jnp.sin(turn)], [jnp.sin(turn), jnp.cos(turn)]])
+    units = state.chain.units
+    chain = eqx.tree_at(
+        lambda c: (c.units.position, c.units.angle, c.units.velocity),
+        state.chain,
+        (units.position @ rotation.T + shift, units.angle + turn, units.velocity @ rotation.T),
+    )
+    return chain, state.target @ rotation.T + shift
+
+
+def test_body_does_not_depend_on_where_the_world_has_its_origin_and_axes():
+    state = swum(8)
+    chain, target = moved(state, 1.1, jnp.array([5.0, -3.0]))
+    np.testing.assert_allclose(observe("body", chain, target, state.thrust), state.obs, atol=5e-5)
+
+
+def test_table1_does_depend_on_the_origin():
+    state = swum(8, observation="table1")
+    chain, target = moved(state, 0.0, jnp.array([5.0, -3.0]))
+    assert np.abs(observe("table1", chain, target, state.thrust) - state.obs).max() > 1
+
+
+@pytest.mark.parametrize("name", ["table1", "body"])
+def test_a_chain_in_more_slots_observes_what_it_observes_alone_and_dead_slots_nothing(name):
+    alone, slotted = swum(5, observation=name), swum(5, slots=9, observation=name)
+    np.testing.assert_allclose(slotted.obs[:5], alone.obs, atol=5e-5)
+    assert not np.asarray(slotted.obs[5:]).any()
+
+
+@pytest.mark.parametrize("name", ["table1", "body"])
+def test_a_batch_observes_what_each_chain_observes_alone(name):
+    states = [swum(6, observation=name, seed=seed) for seed in range(3)]
+    batch = jax.tree.map(lambda *x: jnp.stack(x), *states)
+    seen = jax.vmap(lambda c, t, f: observe(name, c, t, f))(batch.chain, batch.target, batch.thrust)
+    assert seen.shape == (3, 6, OBSERVATION_SIZES[name])
+    np.testing.assert_allclose(seen, jnp.stack([s.obs for s in states]), atol=1e-5)
+
+
+def test_body_keeps_far_targets_in_the_range_of_near_ones():
+    state = swum(8)
+    far = observe("body", state.chain, state.target + 50.0, state.thrust)
+    assert np.abs(far).max() < 8

@@ -1,0 +1,99 @@
+import io
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from salpchain.control.greedy import Greedy
+from salpchain.control.policy import PolicyCard
+from salpchain.evaluation import evaluate as module
+from salpchain.evaluation.evaluate import evaluate, table
+from salpchain.evaluation.statistics import MEASURES, summarise
+from tests.evaluation.controllers import Constant
+
+LENGTHS, TRIALS = [4, 8], 5
+
+
+def trials_by_formula(controller, length, trials, time_limit, seed, progress):
+    """Stands in for `run_trials`: no swim; starts depend on seed, length and trial."""
+    progress(0.5)
+    progress(1.0)
+    name = controller.card.name
+    start = np.arange(1, trials + 1) * length * seed
+    about = {"policy": name, "length": length, "trial": np.arange(trials), "seed": seed}
+    measures = dict.fromkeys(MEASURES, len(name) / 100) | {"start_distance": start}
+    return pd.DataFrame({**about, "time_limit": time_limit, "success": start % 8 == 0, **measures})
+
+
+@pytest.fixture
+def evaluation(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "run_trials", trials_by_formula)
+    told, out = [], tmp_path / "made" / "on the way"
+    tell = lambda *x: told.append(x)  # noqa: E731
+    return evaluate(Constant(0.3), LENGTHS, TRIALS, "fixed", 5, out, progress=tell), out, told
+
+
+def test_the_files_hold_a_row_for_each_trial_of_both_and_the_summary(evaluation):
+    summary, out, _ = evaluation
+    assert json.loads((out / "evaluation.json").read_text()) == json.loads(json.dumps(summary))
+    rows = pd.read_csv(out / "evaluation.csv")
+    counts = rows.groupby(["policy", "length"]).size()
+    assert counts.to_dict() == {(p, n): TRIALS for p in ("constant", "greedy") for n in LENGTHS}
+    assert sorted(path.name for path in out.iterdir()) == ["evaluation.csv", "evaluation.json"]
+
+
+def test_the_baseline_meets_the_same_starts(evaluation):
+    rows = pd.read_csv(evaluation[1] / "evaluation.csv")
+    own, other = (rows[rows.policy == p] for p in ("constant", "greedy"))
+    np.testing.assert_array_equal(own.start_distance, other.start_distance)
+
+
+def test_the_summary_names_the_policy_its_card_and_the_baseline(evaluation):
+    summary = evaluation[0]
+    assert summary["policy"] == "constant"
+    assert summary["card"] == PolicyCard(name="constant").as_dict()
+    assert summary["baseline"]["policy"] == "greedy"
+    assert [e["length"] for e in summary["baseline"]["lengths"]] == LENGTHS
+
+
+def test_progress_rises_to_the_whole_and_says_what_is_played(evaluation):
+    shares, names = zip(*evaluation[2], strict=True)
+    assert list(shares) == sorted(shares) and shares[-1] == pytest.approx(1.0)
+    assert set(names) == {f"{p}, {n} units" for p in ("constant", "greedy") for n in LENGTHS}
+
+
+def test_the_table_shows_both_with_intervals(evaluation):
+    console = Console(width=160, record=True, file=io.StringIO())
+    console.print(table(evaluation[0]))
+    text = console.export_text()
+    assert "greedy closed" in text and "limit" in text and "[" in text and "%" in text
+    console.print(table({**evaluation[0], "baseline": None}))
+    assert "greedy" not in console.export_text()
+
+
+def test_the_table_of_one_trial_has_no_intervals(evaluation):
+    one = summarise(trials_by_formula(Greedy(), 8, 1, "scaled", 5, lambda share: None))
+    console = Console(width=160, record=True, file=io.StringIO())
+    console.print(table(one))
+    assert "6.0 %" in console.export_text()
+
+
+def test_the_baseline_is_not_its_own_baseline(monkeypatch):
+    monkeypatch.setattr(module, "run_trials", trials_by_formula)
+    assert evaluate(Greedy(), [4], TRIALS, "fixed", 5)["baseline"] is None
+
+
+def test_real_trials_of_both_start_alike_and_greedy_closes_more(tmp_path):
+    summary = evaluate(Constant(0.5), [4], 16, "fixed", 7, tmp_path)
+    own, other = summary["lengths"][0], summary["baseline"]["lengths"][0]
+    assert own["start_distance"] == other["start_distance"]
+    assert own["reachable"] == other["reachable"]
+    assert other["closed_fraction"]["low"] > own["closed_fraction"]["high"]
+    assert len(pd.read_csv(tmp_path / "evaluation.csv")) == 32
+
+
+def test_no_lengths_is_an_error():
+    with pytest.raises(ValueError, match="at least one length"):
+        evaluate(Greedy(), [], 4, "fixed", 0)

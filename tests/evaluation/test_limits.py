@@ -1,0 +1,117 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from salpchain.evaluation.limits import (
+    acceleration,
+    centre_of_mass,
+    centroid_slack,
+    cruising_speed,
+    distance_covered,
+    least_distance,
+    reachable,
+    top_speed,
+)
+from salpchain.physics.chain import Physics, at_rest, heading, step
+from tests.physics.poses import LINK, bent
+
+PHYSICS = Physics()
+
+
+def straight(num, physics=PHYSICS):
+    position = np.stack([physics.link_length * np.arange(num), np.zeros(num)], -1)
+    return at_rest(jnp.array(position, jnp.float32), jnp.zeros(num))
+
+
+@eqx.filter_jit
+def swim(chain, thrusts, physics=PHYSICS):
+    """Centres of mass, their velocities, and units' positions, after each control step."""
+
+    def advance(chain, thrust):
+        chain = step(chain, thrust, physics, contact=False)
+        velocities = jnp.concatenate([chain.units.velocity, chain.links.velocity])
+        return chain, (
+            centre_of_mass(physics, chain),
+            velocities.mean(axis=0),  # all masses are 1 kg
+            chain.units.position,
+        )
+
+    return jax.lax.scan(advance, chain, thrusts)[1]
+
+
+@pytest.mark.parametrize("num", [2, 9])
+def test_a_straight_chain_under_full_thrust_swims_exactly_at_the_limit(num):
+    rigid = Physics(angle_stiffness=5.0)  # a soft one bends: its end units have less to pull
+    centres, velocities, positions = swim(straight(num), jnp.ones((40, num)), rigid)
+    bound = [distance_covered(rigid, num, k) for k in range(1, 41)]
+    np.testing.assert_allclose(centres[:, 1], bound, rtol=1e-3)
+    speeds = np.diff(np.asarray(positions[..., 1]).mean(1)) / rigid.control_step
+    np.testing.assert_allclose(speeds[-10:].mean(), cruising_speed(rigid, num), rtol=0.01)
+    np.testing.assert_allclose(velocities[-1, 1], top_speed(rigid, num), rtol=0.01)
+    assert velocities.max() <= top_speed(rigid, num) * (1 + 1e-5)
+
+
+def test_the_distance_covered_is_what_the_substeps_add_up_to():
+    for physics in (PHYSICS, Physics(drag=0.6, substeps=4), Physics(drag=0.0, control_step=0.2)):
+        speed, place, dt = 0.0, 0.0, physics.control_step / physics.substeps
+        for taken in range(1, 30):
+            speed *= 1 - physics.drag
+            for _ in range(physics.substeps):
+                speed += acceleration(physics, 5) * dt
+                place += speed * dt
+            assert distance_covered(physics, 5, taken) == pytest.approx(place, rel=1e-12)
+        assert speed <= top_speed(physics, 5)
+
+
+def test_without_drag_there_is_no_top_speed():
+    assert top_speed(Physics(drag=0.0), 8) == np.inf
+    assert distance_covered(PHYSICS, 8, 0) == 0
+
+
+@pytest.mark.parametrize("num", [2, 5, 12])
+def test_whatever_the_thrusts_no_chain_gets_beyond_the_limit(num):
+    rng = np.random.default_rng(num)
+    for attempt in range(3):
+        position, angle = bent(rng, 1, num, 0.6)
+        chain = at_rest(jnp.array(position[0]), jnp.array(angle[0]))
+        towards = heading(chain.units.angle) @ jnp.array([1.0, 0.0])
+        thrusts = [jnp.sign(towards), jnp.ones(num), rng.uniform(-1, 1, num)][attempt]
+        thrusts = jnp.broadcast_to(jnp.asarray(thrusts, jnp.float32), (60, num))
+        centres, _, positions = swim(chain, thrusts)
+        apart = np.linalg.norm(centres - centre_of_mass(PHYSICS, chain), axis=-1)
+        bound = np.array([distance_covered(PHYSICS, num, k) for k in range(1, 61)])
+        assert (apart <= bound * (1 + 1e-4)).all()
+        shifted = np.linalg.norm(np.asarray(positions).mean(1) - np.asarray(centres), axis=-1)
+        assert (shifted <= centroid_slack(PHYSICS, num)).all()
+
+
+@pytest.mark.parametrize("num", [2, 3, 4, 9, 64])
+def test_a_hairpin_shifts_the_centre_of_mass_most(num):
+    away = np.minimum(np.arange(num), np.arange(num)[::-1])
+    position = np.stack([LINK * away, np.zeros(num)], -1).astype(np.float32)
+    if num % 2 == 0:  # the two units in the middle share a link of their own
+        position[num // 2 :, 1] += LINK
+    hairpin = shift(at_rest(jnp.array(position), jnp.zeros(num)))
+    rigid = Physics(joint_stiffness=1e12, softness=1e-12)
+    assert hairpin == pytest.approx(centroid_slack(rigid, num), abs=1e-6)
+    rng = np.random.default_rng(num)
+    for _ in range(20):
+        points, angle = bent(rng, 1, num, 3.0)
+        assert shift(at_rest(jnp.array(points[0]), jnp.array(angle[0]))) <= hairpin + 1e-6
+
+
+def shift(chain):
+    """Distance of the units' centroid from the centre of mass of units and links."""
+    centroid = np.asarray(chain.units.position).mean(0)
+    return float(np.linalg.norm(centroid - np.asarray(centre_of_mass(PHYSICS, chain))))
+
+
+def test_a_target_within_reach_can_be_closed_in_full_and_a_far_one_by_speed_times_time():
+    chain = straight(8)
+    near, far = (chain.units.position + jnp.array([0.0, y]) for y in (0.5, 100.0))
+    assert float(reachable(PHYSICS, chain, near, 512)) == 1.0
+    limit = distance_covered(PHYSICS, 8, 512) + centroid_slack(PHYSICS, 8)
+    assert float(least_distance(PHYSICS, chain, far, 512)) == pytest.approx(100 - limit, rel=1e-5)
+    assert float(reachable(PHYSICS, chain, far, 512)) == pytest.approx(limit / 100, rel=1e-4)

@@ -1,0 +1,213 @@
+import itertools
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pandas as pd
+import pytest
+
+from salpchain.control.greedy import Greedy
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD
+from salpchain.evaluation import trials as module
+from salpchain.evaluation.limits import reachable
+from salpchain.evaluation.trials import play, record_swim, run_trials, start_keys, touching
+from salpchain.physics.chain import Physics, at_rest
+from tests.evaluation.controllers import Constant
+
+LENGTH, SEED, TRIALS = 4, 7, 16
+
+
+@pytest.fixture(scope="module")
+def greedy():
+    return run_trials(Greedy(), LENGTH, TRIALS, "fixed", SEED)
+
+
+@pytest.fixture(scope="module")
+def idle():
+    return run_trials(Constant(0.0), LENGTH, TRIALS, "fixed", SEED)
+
+
+def begun(num):
+    return module._begin(SCLD(TaskConfig(LENGTH)), SEED, jnp.arange(num))
+
+
+def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
+    assert list(greedy.trial) == list(range(TRIALS))
+    assert set(greedy.columns) >= {
+        *("policy", "length", "trial", "seed", "success", "closed_fraction", "final_distance"),
+        *("start_distance", "steps_to_goal", "steps", "thrust_effort", "path_efficiency"),
+        *("contact_time", "reachable"),
+    }
+    assert greedy.success.dtype == bool
+    assert greedy.isna().sum().drop("steps_to_goal").sum() == 0
+
+
+def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle):
+    assert (idle.closed_fraction.abs() < 1e-6).all()
+    assert greedy.closed_fraction.mean() > 0.5
+    assert not idle.success.any() and (idle.steps == 512).all()
+    assert (idle.thrust_effort == 0).all() and idle.path_efficiency.isna().all()
+
+
+def test_every_policy_meets_the_same_starts(greedy, idle):
+    np.testing.assert_array_equal(greedy.start_distance, idle.start_distance)
+    np.testing.assert_array_equal(greedy.reachable, idle.reachable)
+
+
+def test_the_start_of_a_trial_depends_on_its_own_number_alone():
+    keys = [jr.key_data(start_keys(SEED, LENGTH, jnp.arange(num))) for num in (3, 8)]
+    np.testing.assert_array_equal(keys[0], keys[1][:3])
+    mixed = np.random.default_rng(0).permutation(3 * TRIALS)[:TRIALS]
+    one = begun(TRIALS)
+    other = module._begin(SCLD(TaskConfig(LENGTH)), SEED, jnp.asarray(mixed))
+    for number in set(mixed) & set(range(TRIALS)):
+        place = list(mixed).index(number)
+        for x, y in zip(leaves(one), leaves(other), strict=True):
+            np.testing.assert_array_equal(x[number], y[place])
+
+
+def test_each_seed_length_and_trial_has_a_start_of_its_own_that_training_never_sees():
+    numbers = jnp.arange(50)
+    keys = [start_keys(seed, length, numbers) for seed in (0, 1) for length in (4, 8)]
+    training = [jr.split(jr.key(seed), 50) for seed in (0, 1)]
+    drawn = np.concatenate([jr.key_data(k) for k in (*keys, *training)])
+    assert len(np.unique(drawn, axis=0)) == len(drawn)
+
+
+def test_a_trial_is_frozen_once_it_has_ended():
+    env, controller = SCLD(TaskConfig(LENGTH)), Greedy()
+    half = play(env, controller, begun(TRIALS), jnp.int32(200))
+    whole = play(env, controller, half, jnp.int32(512))
+    over = np.asarray(half.state.done)
+    assert over.any() and not over.all() and bool(whole.state.done.all())
+    for x, y in zip(*map(leaves, (half, whole)), strict=True):
+        np.testing.assert_array_equal(x[over], y[over])
+    assert (np.asarray(half.state.time)[~over] == 200).all()
+
+
+def leaves(trials):
+    keyless = eqx.tree_at(lambda t: t.state.key, trials, jnp.zeros(TRIALS))
+    return [np.asarray(x) for x in jax.tree.leaves(keyless)]
+
+
+def test_success_is_the_goal_and_its_steps_those_played(greedy):
+    assert greedy.success.any() and not greedy.success.all()
+    reached, missed = greedy[greedy.success], greedy[~greedy.success]
+    assert (reached.steps_to_goal == reached.steps).all()
+    assert missed.steps_to_goal.isna().all() and (missed.steps == 512).all()
+    closed = 1 - greedy.final_distance / greedy.start_distance
+    np.testing.assert_allclose(greedy.closed_fraction, closed)
+    assert (reached.final_distance <= 0.0513).all()
+
+
+def test_effort_is_thrust_times_time_and_a_straight_way_is_efficient():
+    frame = run_trials(Constant(0.5), LENGTH, TRIALS, "fixed", SEED)
+    np.testing.assert_allclose(frame.thrust_effort, 0.5 * 0.1 * frame.steps, rtol=1e-4)
+    np.testing.assert_allclose(frame.path_efficiency, 1.0, atol=1e-3)
+    assert (frame.contact_time == 0).all()
+
+
+def test_efficiency_is_a_share(greedy):
+    assert greedy.path_efficiency.between(0, 1 + 1e-5).all()
+    assert greedy.thrust_effort.between(0, 51.2).all()
+    assert greedy.contact_time.between(0, 51.2).all()
+
+
+@pytest.mark.parametrize("steps", [5, 20])
+def test_no_swim_beats_the_physical_limit(steps):
+    env = SCLD(TaskConfig(LENGTH))
+    start = begun(TRIALS)
+    bound = partial(reachable, env.physics, steps=steps)
+    limits = jax.vmap(lambda s: bound(s.chain, s.target))(start.state)
+    assert float(limits.max()) < 1
+    for controller in (Greedy(), Constant(1.0), Constant(-1.0)):
+        after = play(env, controller, start, jnp.int32(steps)).state
+        assert bool((after.closed_fraction <= limits).all())
+
+
+def test_no_trial_beats_the_physical_limit(greedy):
+    assert (greedy.closed_fraction <= greedy.reachable).all()
+    assert greedy.reachable.between(0, 1).all()
+
+
+def test_many_trials_are_played_in_blocks_with_the_same_results(monkeypatch, greedy):
+    monkeypatch.setattr(module, "UNITS_AT_ONCE", TRIALS * LENGTH)
+    told = []
+    blocks = run_trials(Greedy(), LENGTH, 2 * TRIALS - 1, "fixed", SEED, told.append)
+    assert list(blocks.trial) == list(range(2 * TRIALS - 1))
+    pd.testing.assert_frame_equal(blocks[:TRIALS], greedy)
+    assert told == sorted(told) and told[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("trials", "length", "limit"), [(0, 4, "fixed"), (1, 1, "fixed"), (1, 4, "x")]
+)
+def test_impossible_trials_are_refused(trials, length, limit):
+    with pytest.raises(ValueError):
+        run_trials(Greedy(), length, trials, limit, SEED)
+
+
+def test_a_recorded_swim_goes_from_the_start_of_its_trial_to_its_end(greedy):
+    number = int(np.flatnonzero(greedy.success)[0])
+    swim = record_swim(Greedy(), LENGTH, "fixed", SEED, number)
+    begin = begun(TRIALS).state
+    np.testing.assert_allclose(swim.positions[0], begin.chain.units.position[number], atol=1e-6)
+    np.testing.assert_allclose(swim.target, begin.target[number], atol=1e-6)
+    assert swim.positions.shape == (len(swim.angles), LENGTH, 2)
+    assert np.abs(np.diff(swim.positions, axis=0)).max() < 0.1
+    if swim.success:
+        assert np.linalg.norm(swim.positions[-1] - swim.target, axis=-1).mean() <= 0.0513
+
+
+def test_units_touch_where_their_boxes_are_closer_than_the_gap():
+    physics, rng = Physics(), np.random.default_rng(0)
+    position = rng.uniform(-0.045, 0.045, (400, 2, 2)).astype(np.float32)
+    angle = rng.uniform(0, 2 * np.pi, (400, 2)).astype(np.float32)
+    found = jax.vmap(lambda p, a: touching(physics, at_rest(p, a)))(position, angle)
+    gaps = np.array([gap_of_boxes(p, a) for p, a in zip(position, angle, strict=True)])
+    apart = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1)
+    clear = np.abs(gaps - physics.contact_gap) > 1e-6
+    expected = (gaps <= physics.contact_gap) & (apart <= np.hypot(0.04, 0.05))
+    np.testing.assert_array_equal(np.asarray(found)[clear], expected[clear])
+    assert 0.2 < expected.mean() < 0.8
+
+
+def gap_of_boxes(position, angle):
+    """Gap of two boxes, 0 where they overlap, from all pairs of their sides."""
+    corners = [place(p, a) for p, a in zip(position.astype(float), angle, strict=True)]
+    sides = [list(zip(c, np.roll(c, -1, 0), strict=True)) for c in corners]
+    pairs = list(itertools.product(*sides))
+    if any(cross(*one, *other) for one, other in pairs):
+        return 0.0
+    return min(
+        min(point_to_side(p, *t) for p in s)
+        for one, other in pairs
+        for s, t in ((one, other), (other, one))
+    )
+
+
+def place(centre, angle):
+    corners = np.array([[0.02, 0.025], [-0.02, 0.025], [-0.02, -0.025], [0.02, -0.025]])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return centre + corners @ turn.T
+
+
+def cross(a, b, c, d):
+    def turn(p, q, r):
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    return turn(a, b, c) * turn(a, b, d) < 0 and turn(c, d, a) * turn(c, d, b) < 0
+
+
+def point_to_side(point, begin, end):
+    share = np.clip((point - begin) @ (end - begin) / ((end - begin) @ (end - begin)), 0, 1)
+    return np.linalg.norm(begin + share * (end - begin) - point)
+
+
+def test_absent_units_touch_nobody():
+    chain = at_rest(jnp.zeros((2, 2)), jnp.zeros(2), present=jnp.array([True, False]))
+    assert not bool(touching(Physics(), chain))

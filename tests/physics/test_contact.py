@@ -1,0 +1,165 @@
+"""Contact of units: the law of two boxes, and which pairs are looked at when."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.physics import batching, contact, crowd
+from salpchain.physics.chain import Physics, at_rest, step
+from tests.physics.poses import bent, largest_difference, resting
+
+GAP = 4 / 600  # m, VMAS's LINE_MIN_DIST: boxes closer than this repel
+
+
+step_one = jax.jit(step)
+
+
+def random_pairs(rng, count):
+    """Offsets (m) and angles (rad) of two boxes: far apart, near, pressing and crossing."""
+    distance, bearing = rng.uniform(0.03, 0.075, count), rng.uniform(0, 2 * np.pi, count)
+    offset = distance * np.array([np.cos(bearing), np.sin(bearing)])
+    return offset.astype(np.float32), rng.uniform(-7, 7, (2, count)).astype(np.float32)
+
+
+def vmas_boxes(offset, angle):
+    """VMAS's force (2, pair) N and torque (pair,) N m on the first box of each pair."""
+    vmas_chain = pytest.importorskip("tests.physics.vmas_chain")
+    chains = vmas_chain.VmasChains(np.stack([0 * offset, offset], 0).transpose(2, 0, 1), angle.T)
+    return chains.box_on_box()
+
+
+def our_boxes(offset, angle):
+    """Ours, with each pair in the place of a chain of the batch."""
+    cosine, sine = (f(angle)[:, None, None] for f in (jnp.cos, jnp.sin))
+    first, second = jnp.stack([cosine[0], sine[0]]), jnp.stack([cosine[1], sine[1]])
+    force, torque = contact._box_against_box(
+        Physics(), jnp.asarray(offset)[:, None, None], first, second
+    )
+    return force[:, 0, 0], torque[0, 0]
+
+
+def test_two_boxes_press_on_each_other_as_in_vmas():
+    offset, angle = random_pairs(np.random.default_rng(0), 20_000)
+    # VMAS leaves out pairs whose bounding circles are apart only if that holds for all its pairs
+    theirs, ours = vmas_boxes(offset, angle), our_boxes(offset, angle)
+    pressing = np.abs(theirs[0]).max(0) > 0
+    assert 0.1 < pressing.mean() < 0.9
+    for their, our, bar in zip(theirs, ours, (5e-3, 1e-4), strict=True):  # N, N m
+        error = np.abs(their - np.asarray(our))
+        error = error.max(0) if error.ndim == 2 else error
+        # a pair at the very threshold is pressed in one and free in the other: about 1 in 10,000
+        assert np.mean(error > bar) <= 1e-3
+        assert np.median(error[pressing]) <= bar / 10
+
+
+def pair(distance, angles=(0.0, 0.0)):
+    """Two free units, the second `distance` (m) ahead of the first one's heading."""
+    position = jnp.array([[0.0, 0.0], [0.0, distance]])
+    return at_rest(position, jnp.array(angles), linked=jnp.array([False]))
+
+
+def test_two_free_units_driven_at_each_other_stop_with_a_gap_between_them():
+    """1 N presses the boxes (0.05 m across) to just where VMAS's contact sets in, with 1.04 N."""
+    chain = pair(0.065)
+    for _ in range(40):
+        chain = step_one(chain, jnp.array([1.0, -1.0]))
+    gap = chain.units.position[1, 1] - chain.units.position[0, 1] - 0.05
+    assert 0.5 * GAP < gap < 1.5 * GAP
+
+
+def test_units_that_cross_exert_nothing_on_each_other():
+    after = step_one(pair(0.03), jnp.zeros(2))
+    assert largest_difference(after.units, pair(0.03).units) == 0
+
+
+def test_without_contact_units_pass_through_each_other():
+    step_through = jax.jit(functools.partial(step, contact=False))
+    chain = pair(0.1)
+    for _ in range(10):
+        chain = step_through(chain, jnp.array([1.0, -1.0]))
+    assert chain.units.position[0, 1] > chain.units.position[1, 1]
+
+
+def forget_compiled():
+    """What was compiled holds the old constants."""
+    jax.clear_caches()
+    batching._for_one.cache_clear()
+    batching._for_many.cache_clear()
+
+
+@pytest.fixture
+def recompiling(monkeypatch):
+    """A function that sets a constant of a module for all that is compiled from now on."""
+
+    def change(module, name, value):
+        forget_compiled()
+        monkeypatch.setattr(module, name, value)
+
+    yield change
+    monkeypatch.undo()
+    forget_compiled()
+
+
+def violent_run(seed, num, batch, steps):
+    """Chains before every step, their thrusts, and after: full thrust held for 1 to 10 steps."""
+    every = jnp.arange(batch)[:, None] % 10 + 1
+
+    def one(carry, now):
+        chains, thrust = carry
+        side = jr.rademacher(jr.fold_in(jr.key(seed), now), (batch, num), float)
+        thrust = jnp.where(now % every == 0, side, thrust)
+        after = jax.vmap(step)(chains, thrust)
+        return (after, thrust), (chains, thrust, after)
+
+    start = resting(*bent(np.random.default_rng(seed), batch, num, 0.5))
+    run = jax.jit(
+        lambda start: jax.lax.scan(one, (start, jnp.zeros((batch, num))), jnp.arange(steps))
+    )
+    return run(start)[1]
+
+
+def step_each(chains, pushes, contact=True):
+    """Every chain of (steps, batch) one control step on."""
+    many = jax.vmap(functools.partial(step, contact=contact))
+    return jax.jit(lambda *all: jax.lax.map(lambda some: many(*some), all))(chains, pushes)
+
+
+@pytest.mark.parametrize(("num", "batch", "steps"), [(8, 200, 240), (17, 40, 60), (33, 20, 60)])
+def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
+    recompiling, num, batch, steps
+):
+    before, pushes, after = violent_run(num, num, batch, steps)
+    recompiling(crowd, "FREE_SLACK", 1e3)
+    recompiling(crowd, "HELD_SLACK", 1e3)
+    recompiling(crowd, "MOST_PARTNERS", num)
+    expected = step_each(before, pushes)
+    without = step_each(before, pushes, contact=False)
+    touched = np.abs(expected.units.position - without.units.position).max((2, 3)) > 1e-4
+    assert touched.sum() >= 10
+    assert largest_difference(after.units.position, expected.units.position) <= 1e-5
+
+
+def test_shapes_are_looked_at_only_when_some_units_are_near(recompiling):
+    looks = []
+    narrow = contact._box_against_box
+
+    def counted(*args):
+        jax.debug.callback(lambda: looks.append(1))
+        return narrow(*args)
+
+    recompiling(contact, "_box_against_box", counted)
+    step_all = jax.jit(jax.vmap(step))
+    straight = resting(*bent(np.random.default_rng(0), 20, 8, 0.1))
+    jax.block_until_ready(step_all(straight, jnp.ones((20, 8))))
+    jax.effects_barrier()
+    assert not looks
+    near = straight.units.position.at[3, 7].set(straight.units.position[3, 0] + 0.045)
+    folded = eqx.tree_at(lambda c: c.units.position, straight, near)
+    jax.block_until_ready(step_all(folded, jnp.ones((20, 8))))
+    jax.effects_barrier()
+    assert looks
