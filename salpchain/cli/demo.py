@@ -77,11 +77,11 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
 def _draw(folder: Path) -> None:
     from salpchain.control.storage import load
     from salpchain.evaluation.trials import record_swim
-    from salpchain.report import figures
+    from salpchain.report import figures, picture
 
     figures.learning_curves([folder / "run"], folder / "learning.png")
     figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
     policy = load(folder / "run")
     swims: list[Any] = [record_swim(policy, n, "scaled", SHOWN_SEED, 0) for n in SWIM_LENGTHS]
-    figures.chains_picture(swims, folder / "chains.png")
+    picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")

@@ -1,7 +1,7 @@
 """Actor and critic on a shared graph trunk (paper section 4.1; DESIGN section 5)."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ START_LOG_STD = -0.5  # of every action (DESIGN section 5)
 ACTOR_GAIN = 0.01  # of the actor's last layer, so that training starts from no thrust (chosen)
 
 
+@runtime_checkable
 class Trunk(Protocol):
     """A graph network: features of each unit from what all units observe."""
 

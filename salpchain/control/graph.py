@@ -1,13 +1,14 @@
 """Who listens to whom: graphs over the units of a chain (paper section 3.2.1, Figure 2)."""
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 
+@runtime_checkable
 class Graph(Protocol):
     """A graph with a self loop at each present node."""
 

@@ -1,7 +1,7 @@
 """What steers a chain: a learned policy or a hand-written controller, behind one interface."""
 
 from dataclasses import asdict, dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -42,6 +42,7 @@ class PolicyCard:
         return asdict(self)
 
 
+@runtime_checkable
 class Controller(Protocol):
     """Anything that steers a chain."""
 

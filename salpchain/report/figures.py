@@ -4,6 +4,7 @@ Colours are those of Okabe and Ito (2008), told apart by colour-blind people; ea
 its own marker and dashes, so that the figures survive black and white print.
 """
 
+import io
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -19,9 +20,12 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from salpchain.errors import InputError
-from salpchain.files import read_json
+from salpchain.files import read_json, write_bytes
+from salpchain.report.picture import chains_picture
 
-STYLE = {
+__all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
+
+STYLE: dict[Any, Any] = {
     "font.size": 10,
     "axes.labelsize": 11,
     "axes.titlesize": 12,
@@ -98,10 +102,12 @@ def over_seeds(logs: Sequence[pd.DataFrame], measure: str, window: int) -> Curve
 
 def _running_mean(log: pd.DataFrame, measure: str, window: int) -> pd.Series:
     """Mean over the episodes that ended in the last rollouts, by steps."""
-    episodes = log["episodes"].where(log[measure].notna(), 0.0)
-    total = (log[measure].fillna(0.0) * episodes).rolling(window, min_periods=1).sum()
-    count = episodes.rolling(window, min_periods=1).sum()
-    return pd.Series((total / count.where(count > 0)).to_numpy(), index=log["steps"])
+    known = log[measure].notna()
+    episodes = log["episodes"].where(known, 0.0)
+    sums = pd.DataFrame({"total": log[measure].where(known, 0.0) * episodes, "episodes": episodes})
+    total, count = np.asarray(sums.rolling(window, min_periods=1).sum(), float).T
+    mean = np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
+    return pd.Series(mean, index=log["steps"])
 
 
 def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
@@ -229,7 +235,7 @@ def _draw_context(panel: Axes, summaries: list[dict[str, Any]], measure: str, mi
         more = _limit_name(summary, mixed)
         if summary.get("baseline"):
             look = (GREY, "p", dashes)
-            _draw_policy(panel, look, f"greedy{more}", summary["baseline"]["lengths"], measure, 0)
+            _draw_policy(panel, look, f"greedy{more}", summary["baseline"]["lengths"], measure, 0.0)
         if measure == "closed_fraction":
             _draw_limit(panel, summary["lengths"], dashes, f"physical limit{more}")
 
@@ -264,14 +270,15 @@ def _draw_policy(
     )  # fmt: skip
 
 
-def _bounds(value: dict[str, float | None]) -> tuple[Any, Any, Any]:
+def _bounds(value: dict[str, Any]) -> tuple[float, float, float]:
     """Mean, low and high; no interval is one of no width."""
-    mean = value["mean"]
-    return (mean, *(mean if value[side] is None else value[side] for side in ("low", "high")))
+    low, high = (value["mean"] if value[side] is None else value[side] for side in ("low", "high"))
+    return value["mean"], low, high
 
 
-def _percent_axes(panels: Sequence[Axes], label: str) -> None:
+def _percent_axes(panels: Iterable[Axes], label: str) -> None:
     """One axis of percents for all panels, from 0 or below to 100."""
+    panels = list(panels)
     panels[0].set_ylabel(label)
     lines = [np.asarray(line.get_ydata(), float) for p in panels for line in p.get_lines()]
     lowest = min([0.0, *(np.nanmin(y) for y in lines if len(y))])
@@ -285,15 +292,18 @@ def _legend_below(figure: Figure, panel: Axes) -> None:
     """All lines that the panel names, those with intervals first."""
     handles, labels = panel.get_legend_handles_labels()
     order = sorted(range(len(labels)), key=lambda i: isinstance(handles[i], Line2D))
-    handles, labels = ([x[i] for i in order] for x in (handles, labels))
+    handles, labels = [handles[i] for i in order], [labels[i] for i in order]
     columns = min(len(labels), 5)
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.2)
 
 
 def _save(figure: Figure, out: Path) -> list[Path]:
-    """The figure beside `out`, as PNG and PDF."""
+    """The figure at `out`, as PNG and PDF: whole or not there, and the same bytes each time."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    paths = [out.with_suffix(suffix) for suffix in (".png", ".pdf")]
-    for path in paths:
-        figure.savefig(path)
+    paths = []
+    for kind, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
+        content = io.BytesIO()
+        figure.savefig(content, format=kind, metadata=metadata)
+        paths.append(out.with_suffix(f".{kind}"))
+        write_bytes(paths[-1], content.getvalue())
     return paths

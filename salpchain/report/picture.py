@@ -1,5 +1,6 @@
 """A picture of recorded swims: where chains of several lengths started, swam and ended."""
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +17,14 @@ from matplotlib.patches import FancyBboxPatch
 
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import Swim
+from salpchain.files import write_bytes
 from salpchain.physics.chain import Physics
 
 WIDTH = 10.0  # inches, of the picture
 GAP = 0.12  # inches, between panels
-HEADER = 0.42  # inches, above the swim in each panel
+HEADER, FOOTER = 0.5, 0.2  # inches, above and below the swim in each panel
 WATER, INK, FAINT = "#0d2438", "#f2f6fa", "#8fa9bf"
-PLACES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.22, 1.0, 256)))
+PLACES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.34, 1.0, 256)))
 POSES = 5  # shown between the first and the last (chosen)
 REACHED = 0.0513  # m, half the width of the target's band: the goal's distance
 SHAPES = (0.62, 2.6)  # lowest and highest width of a swim for its height
@@ -59,11 +61,11 @@ def chains_picture(swims: Sequence[Swim], out: Path, rows: int | None = None) ->
         raise InputError("a picture needs at least one swim")
     lines = _lines([_view(swim) for swim in swims], rows or (len(swims) + 2) // 3)
     heights = [_height(line) for line in lines]
-    total = sum(heights) + GAP * (len(lines) + 1) + HEADER * len(lines)
+    total = sum(heights) + GAP * (len(lines) + 1) + (HEADER + FOOTER) * len(lines)
     figure = Figure(figsize=(WIDTH, total), dpi=200, facecolor="none")
     top = total - GAP
     for line, height in zip(lines, heights, strict=True):
-        left, panel_height = GAP, height + HEADER
+        left, panel_height = GAP, height + HEADER + FOOTER
         for view in line:
             width = height * view.shape
             place = (left, top - panel_height, width, panel_height)
@@ -71,7 +73,9 @@ def chains_picture(swims: Sequence[Swim], out: Path, rows: int | None = None) ->
             left += width + GAP
         top -= panel_height + GAP
     out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out.with_suffix(".png"))
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    write_bytes(out.with_suffix(".png"), content.getvalue())
     return out.with_suffix(".png")
 
 
@@ -119,7 +123,7 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     """One swim; `scale` is metres for each inch."""
     (x, y), (width, height) = view.low, view.size
     panel.set_xlim(x, x + width)
-    panel.set_ylim(y, y + height + HEADER * scale)
+    panel.set_ylim(y - FOOTER * scale, y + height + HEADER * scale)
     point = scale / 72
     swim, turned = view.swim, view.swim.positions @ view.turn.T
     angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
@@ -136,7 +140,7 @@ def _moments(positions: Float[np.ndarray, "time unit 2"]) -> list[tuple[int, flo
     way = np.concatenate([[0.0], np.cumsum(moved)])
     parts = np.linspace(0, 1, POSES + 2)
     times = [int(np.argmax(way >= part * way[-1])) for part in parts]
-    between = [(t, 0.16 + 0.3 * part) for t, part in zip(times[1:-1], parts[1:-1], strict=True)]
+    between = [(t, 0.25 + 0.35 * part) for t, part in zip(times[1:-1], parts[1:-1], strict=True)]
     return [(0, 0.0), *between, (len(positions) - 1, 1.0)]
 
 
@@ -155,12 +159,14 @@ def _draw_ways(panel: Axes, positions: Float[np.ndarray, "time unit 2"]) -> None
     """The way of each unit, brighter towards its end."""
     stride = max(1, len(positions) // 250)
     ways = np.concatenate([positions[:-1:stride], positions[-1:]])
-    age = np.linspace(0.05, 0.42, len(ways) - 1)
+    age = np.linspace(0.15, 0.55, len(ways) - 1)
     for unit, colour in enumerate(_colours(positions.shape[1])):
         pieces = np.stack([ways[:-1, unit], ways[1:, unit]], axis=1)
         shades = np.column_stack([np.tile(colour[:3], (len(age), 1)), age])
-        width = min(0.8, 6 / positions.shape[1] + 0.2)
-        panel.add_collection(LineCollection(list(pieces), colors=shades, linewidths=width, zorder=2))
+        width = min(0.8, 8 / positions.shape[1] + 0.25)
+        panel.add_collection(
+            LineCollection(list(pieces), colors=shades, linewidths=width, zorder=2)
+        )
 
 
 def _draw_chain(
@@ -168,7 +174,7 @@ def _draw_chain(
 ) -> None:
     """Units and links; in outline at strength 0, the start."""
     colours = _colours(len(position))
-    link = 0.012 / point
+    link = max(0.012 / point, 0.5)
     alpha = max(strength, 0.35)
     panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
     boxes = _boxes(position, angle)
@@ -203,18 +209,21 @@ def _draw_words(
 ) -> None:
     """Length, clock and closed fraction above the swim, and a scale bar in a corner."""
     swim, (_, _, width, height) = view.swim, place
-    line = 1 - 0.24 / height
     apart = np.linalg.norm(swim.positions - swim.target, axis=-1).mean(axis=1)
     time = (len(swim.positions) - 1) * swim.dt
-    words = f"{time:.0f} s    {100 * (1 - apart[-1] / apart[0]):.1f} % closed"
-    text = {"transform": panel.transAxes, "va": "center", "zorder": 9}
-    panel.text(0.16 / width, line, f"{swim.length} units", color=INK, size=11, weight="bold", **text)
-    panel.text(1 - 0.16 / width, line, words, color=FAINT, size=8, ha="right", **text)
+    clock = f"goal in {time:.0f} s" if swim.success else f"after {time:.0f} s"
+    words = f"{clock}, {100 * (1 - apart[-1] / apart[0]):.1f} % closed"
+    left, text = 0.16 / width, {"transform": panel.transAxes, "va": "center", "zorder": 9}
+    title = f"{swim.length} units"
+    panel.text(left, 1 - 0.22 / height, title, color=INK, size=11, weight="bold", **text)
+    panel.text(left, 1 - 0.42 / height, words, color=FAINT, size=8, **text)
     bar = _round_length(view.size[0] / 5)
-    right, low = view.low[0] + view.size[0] - 11 * point, view.low[1] + 10 * point
+    right, low = view.low[0] + view.size[0] - 11 * point, view.low[1] - 4 * point
     panel.plot([right - bar, right], [low, low], color=INK, linewidth=1.4, zorder=9)
     name = f"{bar:g} m" if bar >= 1 else f"{100 * bar:.0f} cm"
-    panel.text(right - bar / 2, low + 3 * point, name, color=INK, size=7.5, ha="center", zorder=9)
+    panel.text(
+        right - bar - 4 * point, low, name, color=INK, size=7.5, ha="right", va="center", zorder=9
+    )
 
 
 def _round_length(length: float) -> float:

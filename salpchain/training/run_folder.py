@@ -45,7 +45,7 @@ def check_free(run: Path) -> None:
     """
     if run.exists() and not run.is_dir():
         raise InputError(f"{run} is a file: a run needs a folder")
-    if run.is_dir() and any(run.iterdir()):
+    if run.is_dir() and any(not path.name.startswith(f".{CONFIG_FILE}") for path in run.iterdir()):
         advice = "add --resume to go on with it, or choose another --out"
         raise InputError(f"{run} is already used: {advice}")
 

@@ -17,7 +17,7 @@ from salpchain.control.storage import POLICY_FILE, save_policy
 from salpchain.domain.scld import SCLD
 from salpchain.files import write_json
 from salpchain.training import run_folder
-from salpchain.training.checkpoint import load_checkpoint, save_checkpoint
+from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
 from salpchain.training.devices import device_name, share, use_devices
 from salpchain.training.learner import (
@@ -76,7 +76,9 @@ class Recent:
         return tuple(sum(r[i] for r in self.rollouts) / episodes for i in (1, 2))  # type: ignore[return-value]
 
 
-def train(config: TrainConfig, run: Path, watch: Watch | None = None) -> dict[str, Any]:
+def train(
+    config: TrainConfig, run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
+) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
 
     Raises:
@@ -89,30 +91,46 @@ def train(config: TrainConfig, run: Path, watch: Watch | None = None) -> dict[st
     env = SCLD(config.task)
     learner = place(new_learner(config, env), mesh_of(devices))
     save_checkpoint(learner, run)
-    return _continue(config, run, env, learner, devices, watch)
+    return _continue(Sitting(config, run, env, devices, watch, save_every), learner)
 
 
-def resume(run: Path, watch: Watch | None = None) -> dict[str, Any]:
+def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY) -> dict[str, Any]:
     """Goes on from the last whole checkpoint of a run, as if it had never stopped.
 
+    A run that was killed before its first checkpoint starts again.
+
     Raises:
-        InputError: no run folder, no checkpoint, or a damaged one.
+        InputError: no run folder, or a damaged checkpoint.
     """
     config, devices = run_folder.read_config(run)
     use_devices(devices)
     env = SCLD(config.task)
-    template = jax.eval_shape(lambda: new_learner(config, env))
-    learner = place(load_checkpoint(run, template), mesh_of(devices))
-    return _continue(config, run, env, learner, devices, watch)
+    if (run / CHECKPOINT_FILE).exists():
+        learner = load_checkpoint(run, jax.eval_shape(lambda: new_learner(config, env)))
+    else:
+        learner = new_learner(config, env)
+    sitting = Sitting(config, run, env, devices, watch, save_every)
+    return _continue(sitting, place(learner, mesh_of(devices)))
 
 
-def _continue(
-    config: TrainConfig, run: Path, env: SCLD, learner: Learner, devices: int, watch: Watch | None
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Sitting:
+    """What stays the same from the start or resumption of a run until it stops."""
+
+    config: TrainConfig
+    run: Path
+    env: SCLD
+    devices: int
+    watch: Watch | None
+    save_every: float  # s
+
+
+def _continue(sitting: Sitting, learner: Learner) -> dict[str, Any]:
+    config, run = sitting.config, sitting.run
     log = run_folder.MetricsLog(run, int(learner.iteration))
     try:
         with _stop_on_signal() as stopped:
-            learner = _iterate(config, run, env, learner, devices, log, watch, stopped)
+            learner = _iterate(sitting, learner, log, stopped)
         _save(config, run, learner)
         if int(learner.iteration) < config.iterations:
             raise KeyboardInterrupt
@@ -124,33 +142,27 @@ def _continue(
 
 
 def _iterate(
-    config: TrainConfig,
-    run: Path,
-    env: SCLD,
-    learner: Learner,
-    devices: int,
-    log: run_folder.MetricsLog,
-    watch: Watch | None,
-    stopped: Callable[[], bool],
+    sitting: Sitting, learner: Learner, log: run_folder.MetricsLog, stopped: Callable[[], bool]
 ) -> Learner:
     """Iterations up to the last one, or until stopped; saves now and then."""
+    config = sitting.config
     if int(learner.iteration) >= config.iterations:
         return learner
-    step = compile_iterate(config, env, mesh_of(devices), learner)
+    step = compile_iterate(config, sitting.env, mesh_of(sitting.devices), learner)
     recent, clock = Recent(), Clock(float(log.rows[-1]["seconds"]) if log.rows else 0.0)
     saved = time.monotonic()
     for iteration in range(int(learner.iteration) + 1, config.iterations + 1):
         learner, metrics = step(learner)
         row = _row(config, iteration, jax.device_get(metrics), clock)
-        _check_finite(row, metrics, run)
+        _check_finite(row, metrics, sitting.run)
         log.add(row)
         recent.add(row)
-        if watch:
-            watch(_progress(config, row, recent))
+        if sitting.watch:
+            sitting.watch(_progress(config, row, recent))
         if stopped():
             break
-        if time.monotonic() - saved > SAVE_EVERY:
-            _save(config, run, learner)
+        if time.monotonic() - saved > sitting.save_every:
+            _save(config, sitting.run, learner)
             saved = time.monotonic()
     return learner
 

@@ -1,0 +1,75 @@
+import json
+
+import jax
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.control.storage import load, save_policy
+from salpchain.errors import InputError
+
+
+@pytest.fixture
+def saved(tmp_path):
+    card = PolicyCard(length=6, steps=10)
+    policy = Policy(actor_critic(jr.key(3), card.control, 22, 1, 6), card)
+    save_policy(policy, tmp_path / "policy.safetensors")
+    return policy, tmp_path / "policy.safetensors"
+
+
+def test_a_policy_is_loaded_as_it_was_saved_from_its_file_or_its_folder(saved):
+    policy, path = saved
+    for source in (path, str(path), path.parent):
+        again = load(source)
+        assert again.card == policy.card
+        for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(policy), strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
+def test_the_file_is_plain_safetensors_that_others_can_read(saved):
+    from safetensors.numpy import load_file
+
+    _, path = saved
+    arrays = load_file(path)
+    assert arrays["network.trunk.first.linear.weight".removeprefix("network.")].shape == (22, 128)
+
+
+def change_header(content, old, new):
+    assert old in content
+    size = int.from_bytes(content[:8], "little")
+    header = content[8 : 8 + size].replace(old, new)
+    return len(header).to_bytes(8, "little") + header + content[8 + size :]
+
+
+@pytest.mark.parametrize(
+    ("harm", "word"),
+    [
+        (lambda b: b[:100], "cut short"),
+        (lambda b: b[:-40], "cut short"),
+        (lambda b: b[:-3] + bytes([b[-3] ^ 4]) + b[-2:], "altered"),
+        (lambda b: change_header(b, rb"\"version\": 1", rb"\"version\": 2"), "newer"),
+        (lambda b: change_header(b, rb"\"kind\": \"policy\"", rb"\"kind\": \"cheese\""), "not a"),
+        (lambda b: change_header(b, rb"\"gcn\"", rb"\"gru\""), "gru"),
+        (lambda b: b"PK\x03\x04" + b, "not a salpchain"),
+        (lambda b: b"\x80\x04cos\nsystem\n(S'true'\ntR.", "not a salpchain"),
+    ],
+)
+def test_a_harmed_or_foreign_file_is_refused_with_one_line_that_names_it(saved, harm, word):
+    _, path = saved
+    path.write_bytes(harm(path.read_bytes()))
+    with pytest.raises(InputError, match=word) as error:
+        load(path)
+    assert "\n" not in str(error.value)
+    assert path.name in str(error.value) or word == "gru"
+
+
+def test_a_folder_without_a_policy_is_refused(tmp_path):
+    with pytest.raises(InputError, match="not a run folder"):
+        load(tmp_path)
+
+
+def test_the_card_is_plain_json(saved):
+    policy, _ = saved
+    assert json.loads(json.dumps(policy.card.as_dict()))["control"]["model"] == "gcn"

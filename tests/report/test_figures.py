@@ -1,0 +1,140 @@
+import json
+
+import matplotlib.image
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import rcParams
+
+from salpchain.errors import InputError
+from salpchain.evaluation.statistics import MEASURES, summarise
+from salpchain.report.figures import learning_curves, over_seeds, zero_shot
+
+
+def log(seed=0, rollouts=30, shift=0.0):
+    rng = np.random.default_rng(seed)
+    episodes = rng.integers(0, 9, rollouts) * (np.arange(rollouts) > 3)
+    none = episodes == 0
+    return pd.DataFrame(
+        {
+            "iteration": np.arange(1, rollouts + 1),
+            "steps": 1000 * np.arange(1, rollouts + 1),
+            "episodes": episodes,
+            "success": np.where(none, np.nan, rng.random(rollouts) / 2 + shift),
+            "closed_fraction": np.where(none, np.nan, rng.random(rollouts)),
+        }
+    )
+
+
+def make_run(folder, seed, graph="mixed"):
+    folder.mkdir()
+    config = {"task": {"length": 8}, "control": {"model": "gcn", "graph": graph}, "seed": seed}
+    (folder / "config.json").write_text(json.dumps({"format": 1, "config": config}))
+    log(seed).to_csv(folder / "metrics.csv", index=False)
+    return folder
+
+
+def make_evaluation(path, policy="swimmer", time_limit="fixed", lengths=(4, 8, 16), trials=6):
+    def summary(policy):
+        rng = np.random.default_rng(len(policy))
+        about = {"policy": policy, "seed": 0, "time_limit": time_limit}
+        rows = [
+            {**about, "length": n, "trial": i, "success": rng.random() < 0.5}
+            | dict(zip(MEASURES, rng.random(len(MEASURES)), strict=True))
+            for n in lengths
+            for i in range(trials)
+        ]
+        return summarise(pd.DataFrame(rows))
+
+    content = {
+        **summary(policy),
+        "card": {"length": 8, "steps": 1000},
+        "baseline": summary("greedy"),
+    }
+    path.write_text(json.dumps(content))
+    return path
+
+
+def check_figure(paths, least=15_000):
+    png, pdf = paths
+    assert png.suffix == ".png" and pdf.suffix == ".pdf"
+    assert least < png.stat().st_size < 1_000_000 and 5_000 < pdf.stat().st_size < 500_000
+    assert pdf.read_bytes().startswith(b"%PDF")
+    height, width = matplotlib.image.imread(png).shape[:2]
+    assert width > 1.5 * height > 900
+
+
+def test_curves_of_several_groups_are_drawn_as_png_and_pdf(tmp_path):
+    runs = [make_run(tmp_path / f"{g}{s}", s, g) for g in ("mixed", "full") for s in (0, 1)]
+    check_figure(learning_curves(runs, tmp_path / "made" / "learning.png"))
+
+
+def test_a_curve_is_the_mean_over_seeds_with_its_standard_error():
+    logs = [log(seed).fillna(0.3) for seed in range(4)]
+    curve = over_seeds(logs, "success", 1)
+    shown = ~np.any([x.episodes == 0 for x in logs], axis=0)
+    values = np.array([x.success.to_numpy() for x in logs])[:, shown]
+    np.testing.assert_array_equal(curve.steps, logs[0].steps[shown])
+    np.testing.assert_allclose(curve.mean, values.mean(0))
+    np.testing.assert_allclose(curve.error, values.std(0, ddof=1) / 2)
+
+
+def test_rollouts_count_by_the_episodes_that_ended_in_them():
+    one = log()
+    curve = over_seeds([one], "success", 5)
+    for steps, mean in zip(curve.steps, curve.mean, strict=True):
+        last = one[(one.steps > steps - 5000) & (one.steps <= steps) & (one.episodes > 0)]
+        assert mean == pytest.approx((last.success * last.episodes).sum() / last.episodes.sum())
+    assert (curve.error == 0).all()
+
+
+def test_seeds_are_averaged_only_as_far_as_all_have_come():
+    curve = over_seeds([log(0, 30), log(1, 20)], "success", 10)
+    assert curve.steps.max() == 20_000
+
+
+def test_runs_that_differ_in_their_seed_alone_are_one_line(tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(
+        "salpchain.report.figures._draw_curve", lambda panel, look, name, c: drawn.update({name: c})
+    )
+    runs = [make_run(tmp_path / str(s), s) for s in (0, 1, 2)] + [
+        make_run(tmp_path / "f", 0, "full")
+    ]
+    learning_curves(runs, tmp_path / "x")
+    assert sorted(drawn) == ["gcn full, 8 units", "gcn mixed, 8 units (3 seeds)"]
+
+
+def test_zero_shot_curves_are_drawn_from_files_and_folders(tmp_path):
+    (tmp_path / "folder").mkdir()
+    make_evaluation(tmp_path / "folder" / "evaluation.json")
+    other = make_evaluation(tmp_path / "other.json", "drifter", "scaled")
+    check_figure(zero_shot([tmp_path / "folder", other], tmp_path / "zero"))
+
+
+def test_a_single_trial_at_a_single_length_can_be_drawn(tmp_path):
+    one = make_evaluation(tmp_path / "one.json", lengths=(8,), trials=1)
+    check_figure(zero_shot([one], tmp_path / "zero.pdf"))
+
+
+def test_drawing_twice_gives_the_same_bytes_and_leaves_the_settings_alone(tmp_path):
+    before, run = dict(rcParams), make_run(tmp_path / "run", 0)
+    one, other = (learning_curves([run], tmp_path / name) for name in ("a", "b"))
+    assert [p.read_bytes() for p in one] == [p.read_bytes() for p in other]
+    assert dict(rcParams) == before
+
+
+@pytest.mark.parametrize("draw", [learning_curves, zero_shot])
+def test_nothing_to_draw_is_an_error_that_says_what_is_needed(draw, tmp_path):
+    with pytest.raises(InputError, match="need at least one"):
+        draw([], tmp_path / "x")
+
+
+def test_what_is_no_run_or_no_evaluation_is_refused(tmp_path):
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(InputError, match=r"no metrics\.csv"):
+        learning_curves([tmp_path], tmp_path / "x")
+    with pytest.raises(InputError, match="is not an evaluation"):
+        zero_shot([tmp_path / "config.json"], tmp_path / "x")
+    with pytest.raises(InputError, match="no such file"):
+        zero_shot([tmp_path / "missing.json"], tmp_path / "x")

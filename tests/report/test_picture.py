@@ -1,0 +1,78 @@
+import matplotlib.image
+import numpy as np
+import pytest
+
+from salpchain.errors import InputError
+from salpchain.evaluation.trials import Swim
+from salpchain.report import picture as module
+from salpchain.report.picture import chains_picture
+
+
+def swim(length, bearing=0.4, times=40):
+    """A chain that glides sideways to its target without turning."""
+    rest = 0.07 * np.arange(length)[:, None] * np.array([-np.sin(bearing), np.cos(bearing)])
+    way = np.linspace(0, 0.2 * length, times)[:, None, None]
+    positions = rest + way * np.array([np.cos(bearing), np.sin(bearing)])
+    angles = np.full((times, length), bearing + np.pi / 2)
+    target = positions[-1] + 0.01 * np.array([np.cos(bearing), np.sin(bearing)])
+    return Swim(length, positions, angles, target, 0.1, True)
+
+
+def test_a_picture_of_several_lengths_shows_water_and_every_colour_of_the_chain(tmp_path):
+    path = chains_picture([swim(n) for n in (4, 8, 16)], tmp_path / "made" / "chains.pdf")
+    assert path == tmp_path / "made" / "chains.png"
+    assert 20_000 < path.stat().st_size < 3_000_000
+    pixels = (255 * matplotlib.image.imread(path)[..., :3]).astype(int)
+    assert pixels.shape[1] == 2000
+    for colour in module.PLACES(np.linspace(0, 1, 4))[:, :3]:
+        assert (np.abs(pixels - 255 * colour).max(axis=-1) < 4).sum() > 100
+
+
+@pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5, -2.0])
+def test_every_swim_leads_to_the_right_within_its_rectangle(bearing):
+    one = swim(6, bearing)
+    view = module._view(one)
+    points = one.positions @ view.turn.T
+    assert np.allclose(view.turn @ view.turn.T, np.eye(2))
+    assert points[-1, :, 0].mean() > points[0, :, 0].mean()
+    assert np.allclose(points[-1, :, 1].mean(), points[0, :, 1].mean(), atol=0.01)
+    assert (points >= view.low).all() and (points <= view.low + view.size).all()
+    assert module.SHAPES[0] <= view.shape <= module.SHAPES[1]
+
+
+def test_all_swims_are_shown_once_and_in_order():
+    views = [module._view(swim(n)) for n in (4, 8, 16, 32, 64)]
+    for rows in (1, 2, 3):
+        lines = module._lines(views, rows)
+        assert [view.swim.length for line in lines for view in line] == [4, 8, 16, 32, 64]
+
+
+def test_units_are_drawn_in_their_true_size_and_turned_with_their_angle():
+    boxes = module._boxes(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([0.0, np.pi / 2]))
+    sizes = boxes.max(axis=1) - boxes.min(axis=1)
+    np.testing.assert_allclose(sizes, [[0.04, 0.05], [0.05, 0.04]], atol=1e-9)
+    np.testing.assert_allclose(boxes.mean(axis=1), [[1.0, 2.0], [0.0, 0.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "bar"), [(0.13, 0.1), (0.2, 0.2), (0.9, 0.5), (4.9, 2), (12.0, 10)]
+)
+def test_scale_bars_have_round_lengths(given, bar):
+    assert module._round_length(given) == pytest.approx(bar)
+
+
+def test_poses_shown_are_equal_parts_of_the_way():
+    still_first = np.concatenate([np.zeros((30, 2, 2)), swim(2).positions])
+    times = [time for time, _ in module._moments(still_first)]
+    assert times[0] == 0 and times[-1] == len(still_first) - 1
+    np.testing.assert_allclose(np.diff(times[1:]), np.diff(times[1:]).mean(), atol=1)
+
+
+def test_a_chain_that_never_moved_can_be_drawn(tmp_path):
+    still = Swim(2, np.zeros((1, 2, 2)), np.zeros((1, 2)), np.ones((2, 2)), 0.1, False)
+    assert chains_picture([still], tmp_path / "x").stat().st_size > 5_000
+
+
+def test_no_swims_is_an_error(tmp_path):
+    with pytest.raises(InputError, match="at least one swim"):
+        chains_picture([], tmp_path / "x")

@@ -1,0 +1,116 @@
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+import scipy.stats
+
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.config import ControlConfig
+from salpchain.errors import InputError
+from salpchain.training.config import PPOConfig
+from salpchain.training.ppo import Lesson, entropy, loss, optimiser
+from salpchain.training.presets import choose
+from salpchain.training.rollout import Sample, log_prob
+from salpchain.training.trainer import NotFiniteError, train
+from tests.training.small import small
+
+
+def batch_of(policy, size=6, units=4, inputs=5):
+    keys = jr.split(jr.key(1), 3)
+    obs = jr.normal(keys[0], (size, units, inputs))
+    present, joined = jnp.ones((size, units), bool), jnp.ones((size, units - 1), bool)
+    mean, value = jax.vmap(policy)(obs, present, joined)
+    action = mean + 0.3 * jr.normal(keys[1], mean.shape)
+    density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, action, present)
+    sample = Sample(obs, present, joined, action, density, value)
+    return Lesson(sample, jr.normal(keys[2], (size,)), value + 1.0)
+
+
+@pytest.fixture
+def policy():
+    return actor_critic(jr.key(0), ControlConfig(), 5, 2, 4)
+
+
+def test_the_density_is_that_of_a_gaussian_over_all_present_units(policy):
+    mean, action = jr.normal(jr.key(0), (2, 4, 2))
+    present = jnp.array([True, True, True, False])
+    std = np.exp(np.asarray(policy.log_std))
+    expected = scipy.stats.norm.logpdf(action[:3], mean[:3], std).sum()
+    assert float(log_prob(policy, mean, action, present)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_entropy_is_that_of_the_gaussians_of_a_chain(policy):
+    present = jnp.ones((3, 4), bool)
+    expected = 4 * scipy.stats.norm(scale=np.exp(np.asarray(policy.log_std))).entropy().sum()
+    assert float(entropy(policy, present)) == pytest.approx(expected, rel=1e-5)
+
+
+def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
+    batch = batch_of(policy)
+    config = PPOConfig(value_weight=0.0, entropy=0.0)
+
+    def plain(policy):
+        sample = batch.sample
+        mean, _ = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
+        density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
+        return -(density * batch.advantage).mean()
+
+    ours = jax.grad(lambda p: loss(p, config, batch)[0])(policy)
+    for one, other in zip(
+        jax.tree.leaves(ours), jax.tree.leaves(jax.grad(plain)(policy)), strict=True
+    ):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+def test_a_ratio_far_outside_the_clip_range_has_no_gradient(policy):
+    batch = batch_of(policy)
+    far = jax.tree.map(lambda x: x, batch)
+    old = batch.sample.log_prob - jnp.sign(batch.advantage) * 1.0
+    far = Lesson(Sample(**{**vars(batch.sample), "log_prob": old}), batch.advantage, batch.target)
+    config = PPOConfig(value_weight=0.0, entropy=0.0)
+    gradient = jax.grad(lambda p: loss(p, config, far)[0])(policy)
+    assert all(not np.asarray(x).any() for x in jax.tree.leaves(gradient))
+
+
+def test_the_learning_rate_falls_linearly_to_its_final_share():
+    config = PPOConfig(learning_rate=1e-3, final_rate=0.1, max_grad_norm=1e9)
+    steps = 10 * config.epochs * config.minibatches
+    rule = optimiser(config, 10)
+    state, sizes = rule.init(jnp.ones(())), []
+    for _ in range(steps + 1):
+        update, state = rule.update(jnp.ones(()), state)
+        sizes.append(-float(update))
+    assert sizes[0] == pytest.approx(1e-3, rel=1e-3)
+    assert sizes[steps // 2] == pytest.approx(0.55e-3, rel=1e-3)
+    assert sizes[-1] == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_run_that_blows_up_stops_names_the_place_and_keeps_the_last_good_checkpoint(tmp_path):
+    with pytest.raises(NotFiniteError, match=r"iteration \d+: not a finite number in the"):
+        train(small(learning_rate=1e30, max_grad_norm=1e30), tmp_path / "run")
+    from salpchain.files import read_arrays
+
+    _, arrays = read_arrays(tmp_path / "run" / "checkpoint.safetensors", "checkpoint", 1)
+    assert all(np.isfinite(x).all() for x in arrays.values() if x.dtype.kind == "f")
+    assert not (tmp_path / "run" / "summary.json").exists()
+
+
+def test_the_paper_preset_is_table_2():
+    config = choose("paper")
+    ppo = config.ppo
+    assert (ppo.epochs, ppo.batch, ppo.minibatch) == (10, 5120, 256)
+    assert (ppo.clip, ppo.max_grad_norm, ppo.gamma, ppo.lam) == (0.2, 0.5, 0.99, 0.95)
+    assert (ppo.entropy, ppo.learning_rate, ppo.final_rate) == (0.001, 5e-5, 1.0)
+    assert config.steps == 60_000 * 512
+    assert config.task.observation == "table1" and config.task.action == "pair"
+    assert config.task.fine_weight == 0 and config.task.fence
+
+
+@pytest.mark.parametrize(
+    "settings", [{"minibatch": 1000}, {"envs": 0}, {"gamma": 1.5}, {"learning_rate": 0.0}]
+)
+def test_settings_that_cannot_be_are_refused_with_one_line(settings):
+    with pytest.raises(InputError) as error:
+        PPOConfig(**settings)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,126 @@
+"""A killed run goes on bit for bit; damaged files are refused by name."""
+
+import csv
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from salpchain.errors import InputError
+from salpchain.training.checkpoint import CHECKPOINT_FILE
+from salpchain.training.trainer import resume
+from tests.training.small import small
+
+ITERATIONS = 60
+
+
+def start(folder, cache):
+    command = [sys.executable, "-m", "tests.training.small", str(folder), str(ITERATIONS)]
+    return subprocess.Popen(
+        command, env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+
+
+def rows(folder):
+    path = folder / "metrics.csv"
+    return list(csv.DictReader(path.open())) if path.exists() else []
+
+
+def finish(process):
+    _, said = process.communicate(timeout=240)
+    assert process.returncode == 0, said.decode()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "undisturbed"
+    finish(start(folder, folder.parent / "cache"))
+    return folder
+
+
+def test_a_run_killed_again_and_again_ends_with_the_weights_of_one_never_disturbed(undisturbed):
+    folder, cache = undisturbed.parent / "killed", undisturbed.parent / "cache"
+    chance = random.Random(0)
+    kills = 0
+    for goal in (1, 15, 30, 45):
+        process = start(folder, cache)
+        while process.poll() is None and len(rows(folder)) < goal:
+            time.sleep(0.01)
+        time.sleep(chance.uniform(0, 0.05))
+        process.send_signal(signal.SIGKILL)
+        kills += process.wait() == -signal.SIGKILL
+    assert kills >= 3
+    finish(start(folder, cache))
+    for name in (CHECKPOINT_FILE, "policy.safetensors"):
+        assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()
+    apart = {"seconds", "steps_per_second"}
+    ours, theirs = (
+        [{k: v for k, v in row.items() if k not in apart} for row in rows(run)]
+        for run in (folder, undisturbed)
+    )
+    assert len(ours) == ITERATIONS and ours == theirs
+
+
+def test_ctrl_c_saves_and_the_run_goes_on(undisturbed):
+    folder, cache = undisturbed.parent / "interrupted", undisturbed.parent / "cache"
+    process = start(folder, cache)
+    while process.poll() is None and not rows(folder):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode != 0 and 0 < len(rows(folder)) < ITERATIONS
+    finish(start(folder, cache))
+    assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
+
+
+def copy_of(undisturbed, tmp_path):
+    for name in ("config.json", CHECKPOINT_FILE):
+        (tmp_path / name).write_bytes((undisturbed / name).read_bytes())
+    return tmp_path / CHECKPOINT_FILE
+
+
+@pytest.mark.parametrize(
+    ("harm", "word"),
+    [
+        (lambda b: b[: len(b) // 2], "cut short"),
+        (lambda b: b[:20], "cut short"),
+        (lambda b: b"", "cut short"),
+        (lambda b: b[:-5] + bytes([b[-5] ^ 1]) + b[-4:], "altered"),
+        (lambda b: b.replace(rb"\"version\": 1", rb"\"version\": 9"), "newer"),
+    ],
+)
+def test_a_checkpoint_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path, harm, word):
+    path = copy_of(undisturbed, tmp_path)
+    harmed = harm(path.read_bytes())
+    path.write_bytes(harmed)
+    with pytest.raises(InputError, match=word):
+        resume(tmp_path)
+    assert path.read_bytes() == harmed
+
+
+def test_a_checkpoint_of_other_settings_is_refused(undisturbed, tmp_path):
+    copy_of(undisturbed, tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["config"]["task"]["length"] = 4
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(InputError, match="expected"):
+        resume(tmp_path)
+
+
+def test_settings_with_an_unknown_name_are_refused(undisturbed, tmp_path):
+    copy_of(undisturbed, tmp_path)
+    config = json.loads((tmp_path / "config.json").read_text())
+    config["config"]["ppo"]["momentum"] = 0.9
+    (tmp_path / "config.json").write_text(json.dumps(config))
+    with pytest.raises(InputError, match="momentum"):
+        resume(tmp_path)
+
+
+def test_the_small_run_has_as_many_iterations_as_asked():
+    assert small(7).iterations == 7
