@@ -26,7 +26,7 @@ _PUBLIC = {
     "InputError": "salpchain.errors",
 }
 
-__all__ = [*_PUBLIC, "__version__"]
+__all__ = list(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:

@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
+import optax
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
@@ -62,7 +63,7 @@ def new_learner(config: TrainConfig, env: SCLD) -> Learner:
         weights_key, config.control, env.observation_size, env.action_size, config.task.length
     )
     states = jax.jit(jax.vmap(env.reset))(jr.split(reset_key, config.ppo.envs))
-    state = optimiser(config.ppo, config.iterations).init(policy)
+    state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
     return Learner(policy, state, states, key, jnp.int32(0))
 
 

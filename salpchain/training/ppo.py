@@ -52,7 +52,8 @@ def lessons(
     )
     mean = jax.lax.pmean(gain.mean(), AXIS)
     deviation = jnp.sqrt(jax.lax.pmean(((gain - mean) ** 2).mean(), AXIS))
-    return Lesson(samples, (gain - mean) / (deviation + 1e-8), gain + samples.value)
+    normal = (gain - mean) / (deviation + 1e-8)
+    return jax.vmap(jax.vmap(Lesson))(samples, normal, gain + samples.value)
 
 
 def improve(

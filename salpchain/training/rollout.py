@@ -46,21 +46,25 @@ def collect(
     def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
         sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, jr.split(key, num))
         after = jax.vmap(env.step)(states, sample.action)
-        outcome = Outcome(
-            reward=after.reward,
-            terms=after.terms,
-            terminated=after.terminated,
-            truncated=after.truncated & ~after.terminated,
-            goal=after.terms.goal > 0,
-            final_value=_final_value(policy, after),
-            closed=1.0 - after.distances.mean / after.start_distance,
-            time=after.time,
-        )
+        outcome = jax.vmap(_outcome)(after, _final_value(policy, after))
         return renew_done(env, after), (sample, outcome)
 
     num = states.time.shape[0]
     states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
     return states, samples, outcomes
+
+
+def _outcome(after: State, final_value: Float[Array, ""]) -> Outcome:
+    return Outcome(
+        reward=after.reward,
+        terms=after.terms,
+        terminated=after.terminated,
+        truncated=after.truncated & ~after.terminated,
+        goal=after.goal,
+        final_value=final_value,
+        closed=after.closed_fraction,
+        time=after.time,
+    )
 
 
 def sample_action(policy: ActorCritic, state: State, key: PRNGKeyArray) -> Sample:

@@ -112,7 +112,7 @@ class MetricsLog:
         self._file = self.path.open("a", encoding="utf-8", newline="")
         self._board = SummaryWriter(str(run / "tensorboard"), purge_step=keep + 1)
 
-    def add(self, row: dict[str, float]) -> None:
+    def add(self, row: dict[str, int | float]) -> None:
         """One more iteration, on disk at once; no number is an empty cell."""
         writer = csv.DictWriter(self._file, row)
         if not self.rows:

@@ -32,7 +32,7 @@ from salpchain.training.learner import (
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 RECENT = 200  # finished episodes over which success is shown while training (chosen)
 
-Row = dict[str, float]
+Row = dict[str, int | float]
 
 
 class NotFiniteError(RuntimeError):

@@ -1,3 +1,4 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -23,8 +24,8 @@ def batch_of(policy, size=6, units=4, inputs=5):
     mean, value = jax.vmap(policy)(obs, present, joined)
     action = mean + 0.3 * jr.normal(keys[1], mean.shape)
     density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, action, present)
-    sample = Sample(obs, present, joined, action, density, value)
-    return Lesson(sample, jr.normal(keys[2], (size,)), value + 1.0)
+    sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
+    return jax.vmap(Lesson)(sample, jr.normal(keys[2], (size,)), value + 1.0)
 
 
 @pytest.fixture
@@ -65,9 +66,8 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
 
 def test_a_ratio_far_outside_the_clip_range_has_no_gradient(policy):
     batch = batch_of(policy)
-    far = jax.tree.map(lambda x: x, batch)
-    old = batch.sample.log_prob - jnp.sign(batch.advantage) * 1.0
-    far = Lesson(Sample(**{**vars(batch.sample), "log_prob": old}), batch.advantage, batch.target)
+    old = batch.sample.log_prob - jnp.sign(batch.advantage)
+    far = eqx.tree_at(lambda b: b.sample.log_prob, batch, old)
     config = PPOConfig(value_weight=0.0, entropy=0.0)
     gradient = jax.grad(lambda p: loss(p, config, far)[0])(policy)
     assert all(not np.asarray(x).any() for x in jax.tree.leaves(gradient))

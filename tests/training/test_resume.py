@@ -16,7 +16,7 @@ from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.trainer import resume
 from tests.training.small import small
 
-ITERATIONS = 60
+ITERATIONS = 40
 
 
 def start(folder, cache):
@@ -48,14 +48,14 @@ def test_a_run_killed_again_and_again_ends_with_the_weights_of_one_never_disturb
     folder, cache = undisturbed.parent / "killed", undisturbed.parent / "cache"
     chance = random.Random(0)
     kills = 0
-    for goal in (1, 15, 30, 45):
+    for goal in (1, 14, 27):
         process = start(folder, cache)
         while process.poll() is None and len(rows(folder)) < goal:
             time.sleep(0.01)
         time.sleep(chance.uniform(0, 0.05))
         process.send_signal(signal.SIGKILL)
         kills += process.wait() == -signal.SIGKILL
-    assert kills >= 3
+    assert kills == 3
     finish(start(folder, cache))
     for name in (CHECKPOINT_FILE, "policy.safetensors"):
         assert (folder / name).read_bytes() == (undisturbed / name).read_bytes()

@@ -1,0 +1,175 @@
+"""What a user meets on the command line; most cases in this process, for speed."""
+
+import json
+import subprocess
+import sys
+
+import jax.random as jr
+import pytest
+
+from salpchain.cli.main import COMMANDS, run
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.control.storage import save_policy
+
+
+@pytest.fixture
+def policy(tmp_path):
+    card = PolicyCard()
+    path = tmp_path / "policy.safetensors"
+    save_policy(Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card), path)
+    return path
+
+
+@pytest.fixture
+def used(tmp_path):
+    folder = tmp_path / "used"
+    folder.mkdir()
+    (folder / "thesis.tex").write_text("precious")
+    return folder
+
+
+BAD = [
+    (["trian"], "perhaps train"),
+    (["train"], "--out"),
+    (["train", "--out", "NEW", "--model", "gnn"], "choose one of gcn"),
+    (["train", "--out", "NEW", "--graph", "ring"], "choose one of mixed, full"),
+    (["train", "--out", "NEW", "--preset", "slow"], "choose one of quick, paper"),
+    (["train", "--out", "NEW", "--observation", "sonar"], "choose one of body, table1"),
+    (["train", "--out", "NEW", "--length", "1"], "2 to 512"),
+    (["train", "--out", "NEW", "--length", "eight"], "whole number"),
+    (["train", "--out", "NEW", "--steps", "-5"], "positive"),
+    (["train", "--out", "NEW", "--lenght", "8"], "perhaps --length"),
+    (["train", "--out", "NEW", "--length"], "--length"),
+    (["train", "--out", "USED"], "already used"),
+    (["train", "--out", "USED/thesis.tex"], "is a file"),
+    (["train", "--resume", "--out", "USED"], "not a run folder"),
+    (["train", "--resume", "--out", "NEW"], "not a run folder"),
+    (["evaluate"], "needs a run folder"),
+    (["evaluate", "NEW"], "no such run folder or policy"),
+    (["evaluate", "USED"], "not a run folder"),
+    (["evaluate", "USED/thesis.tex"], "not a salpchain policy"),
+    (["evaluate", "greedy", "--lengths", "64:4"], "64:4"),
+    (["evaluate", "greedy", "--lengths", "1,8"], "2"),
+    (["evaluate", "greedy", "--trials", "0"], "at least 1"),
+    (["evaluate", "greedy", "--time-limit", "never"], "choose one of fixed, scaled"),
+    (["figure", "pie", "USED"], "choose one of learning, zero-shot"),
+    (["figure", "learning"], "at least one folder"),
+    (["figure", "zero-shot", "USED"], "no evaluation.json"),
+    (["figure", "learning", "USED"], "USED"),
+    (["models", "--length", "900"], "2 to 512"),
+    (["bench", "--envs", "0"], "at least 1"),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"), BAD, ids=lambda x: " ".join(x) if isinstance(x, list) else ""
+)
+def test_bad_input_gets_one_line_and_status_2_and_changes_nothing(
+    words, says, used, tmp_path, capsys
+):
+    new = tmp_path / "new"
+    places = {"NEW": str(new), "USED": str(used)}
+    words = [w.replace("NEW", places["NEW"]).replace("USED", places["USED"]) for w in words]
+    assert run(words) == 2
+    said = capsys.readouterr().err.strip()
+    assert said.startswith("salpchain: error:") and "\n" not in said
+    assert says.replace("USED", places["USED"]) in said
+    assert not new.exists()
+    assert [p.name for p in used.iterdir()] == ["thesis.tex"]
+    assert (used / "thesis.tex").read_text() == "precious"
+
+
+def test_resume_refuses_settings_that_contradict_the_run(tmp_path, capsys):
+    from salpchain.training.presets import choose
+    from salpchain.training.run_folder import create
+
+    create(tmp_path / "run", choose("quick"), 1, "cpu")
+    before = (tmp_path / "run" / "config.json").read_text()
+    for words, says in (
+        (["--length", "9"], "length is 8 in the run, 9 was given"),
+        (["--preset", "paper"], 'preset is "quick" in the run'),
+        (["--seed", "3"], "seed is 0"),
+    ):
+        assert run(["train", "--resume", "--out", str(tmp_path / "run"), *words]) == 2
+        assert says in capsys.readouterr().err
+    assert (tmp_path / "run" / "config.json").read_text() == before
+
+
+def test_an_mlp_is_refused_at_other_lengths_than_its_own():
+    from types import SimpleNamespace
+
+    from salpchain.cli.evaluate import check_lengths
+    from salpchain.errors import InputError
+
+    card = SimpleNamespace(name="mlp-8", length=8, control=SimpleNamespace(model="mlp"))
+    check_lengths(SimpleNamespace(card=card), [8])
+    with pytest.raises(InputError, match="8 units only"):
+        check_lengths(SimpleNamespace(card=card), [8, 12])
+
+
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, capsys, policy):
+    import os
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    out = tmp_path / "out"
+    words = ["evaluate", "greedy", "--lengths", "2", "--trials", "1", "--out", str(out)]
+    assert run(words) == 2
+    assert "no space left" in capsys.readouterr().err
+    assert list(out.iterdir()) == []
+
+
+def test_evaluate_writes_both_files_in_the_stated_form(policy, tmp_path, capsys):
+    out = tmp_path / "results"
+    words = ["evaluate", str(policy), "--lengths", "2,3", "--trials", "3", "--out", str(out)]
+    assert run(words) == 0
+    summary = json.loads((out / "evaluation.json").read_text())
+    assert {"policy", "time_limit", "seed", "lengths"} <= summary.keys()
+    assert [row["length"] for row in summary["lengths"]] == [2, 3]
+    for row in summary["lengths"]:
+        assert row["trials"] == 3
+        assert {"mean", "low", "high"} <= row["success"].keys()
+        assert {"mean", "median", "iqm", "low", "high"} <= row["closed_fraction"].keys()
+    rows = (out / "evaluation.csv").read_text().splitlines()
+    assert len(rows) == 1 + 2 * 2 * 3  # both policies at both lengths
+
+
+def test_models_prints_the_papers_count(capsys):
+    assert run(["models", "--length", "8"]) == 0
+    assert "102,804" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_page_with_an_example(command, capsys):
+    assert run([command, "--help"]) == 0
+    page = capsys.readouterr().out
+    assert f"salpchain {command}" in page and "Example:" in page
+
+
+def test_help_needs_no_jax():
+    code = "import sys; from salpchain.cli.main import run; run(['--help']); run(['train', '-h']); "
+    code += "sys.exit('jax' in sys.modules)"
+    started = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert started.returncode == 0, started.stderr
+
+
+def test_a_policy_file_is_data_and_loading_it_runs_no_code(policy, tmp_path):
+    """Loads under an audit hook that forbids what a loader of code would do."""
+    code = f"""
+import sys
+from salpchain import load
+load({str(policy)!r})
+def forbid(event, args):
+    if event in ('pickle.find_class', 'exec', 'compile', 'os.system', 'subprocess.Popen'):
+        raise SystemExit('forbidden: ' + event)
+sys.addaudithook(forbid)
+from salpchain.files import read_arrays
+from pathlib import Path
+read_arrays(Path({str(policy)!r}), 'policy', 1)
+assert 'pickle' not in getattr(sys.modules['salpchain.files'], '__dict__')
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr

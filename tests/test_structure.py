@@ -1,0 +1,58 @@
+"""The plan of the code: who may import whom, and how large things may grow."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "salpchain"
+ROOMS = ["physics", "domain", "control", "training", "evaluation", "report", "interop", "web"]
+ROOMS += ["cluster", "cli"]
+GROUND = {"errors", "files", "trees"}  # single files at the bottom, importable by all
+FILES = sorted(PACKAGE.rglob("*.py"))
+OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "ray", "brax", "starlette"}
+
+
+def imports(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_from_its_own_room_and_those_below(path):
+    room = path.relative_to(PACKAGE).parts[0]
+    if room not in ROOMS:
+        return
+    for name in imports(path):
+        if name.startswith("salpchain."):
+            other = name.split(".")[1]
+            assert other in GROUND or ROOMS.index(other) <= ROOMS.index(room), name
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_files_have_at_most_400_lines_and_functions_at_most_40(path):
+    text = path.read_text()
+    assert text.count("\n") <= 400
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef):
+            assert node.end_lineno - node.lineno < 41, node.name
+
+
+def test_importing_the_package_imports_no_optional_one_nor_jax():
+    code = "import sys, salpchain; print(' '.join(m.split('.')[0] for m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not (OPTIONAL | {"jax"}) & set(done.stdout.split())
+
+
+def test_all_public_names_can_be_imported():
+    import salpchain
+
+    for name in salpchain.__all__:
+        assert getattr(salpchain, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'lod'"):
+        _ = salpchain.lod
