@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 from salpchain.control.greedy import Greedy
@@ -86,16 +88,23 @@ def _tell(progress: Progress | None, before: float, part: float, what: str, shar
 
 
 def table(summary: Summary) -> Table:
-    """The summary as a table for the terminal: a row for each length, intervals in brackets."""
-    limit = "up to 512 steps" if summary["time_limit"] == "fixed" else "32 steps a unit"
-    title = f"{summary['policy']}: first episodes, {limit}, seed {summary['seed']}"
-    made = Table(title=title, caption="brackets: 95 % intervals", title_justify="left")
+    """The summary as a table of 80 columns: a row for each length, 95 % intervals in brackets."""
     baseline = summary.get("baseline")
-    names = ["length", "trials", "success", "closed", "steps to goal"]
-    names += ["greedy success", "greedy closed"] if baseline else []
-    for name in [*names, "limit"]:
-        made.add_column(name, justify="right")
     others = baseline["lengths"] if baseline else [None] * len(summary["lengths"])
+    trials = max(entry["trials"] for entry in summary["lengths"])
+    about = f"{trials} trials, {summary['time_limit']} time limit, seed {summary['seed']}"
+    made = Table(
+        title=f"{summary['policy']}: {about}",
+        caption="percent [95 % interval]; steps: mean to the goal; limit: what physics allows",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    for name in ("length", "success", "closed", "steps"):
+        made.add_column(name, justify="right", no_wrap=True)
+    for name in ("greedy\nsuccess", "greedy\nclosed") if baseline else ():
+        made.add_column(name, justify="right")
+    made.add_column("limit", justify="right")
     for own, other in zip(summary["lengths"], others, strict=True):
         made.add_row(*_cells(own, other))
     return made
@@ -103,17 +112,18 @@ def table(summary: Summary) -> Table:
 
 def _cells(own: Summary, other: Summary | None) -> list[str]:
     steps = own["steps_to_goal"]["mean"]
-    cells = [str(own["length"]), str(own["trials"])]
-    cells += [_percent(own["success"]), _percent(own["closed_fraction"])]
+    cells = [str(own["length"]), _percent(own["success"], 0), _percent(own["closed_fraction"], 1)]
     cells.append("-" if steps is None else f"{steps:.0f}")
     if other:
-        cells += [_percent(other["success"]), _percent(other["closed_fraction"])]
-    return [*cells, f"{100 * own['reachable']['mean']:.1f} %"]
+        greedy = other["success"]["mean"], other["closed_fraction"]["mean"]
+        cells += [f"{100 * greedy[0]:.0f}", f"{100 * greedy[1]:.1f}"]
+    return [*cells, f"{100 * own['reachable']['mean']:.1f}"]
 
 
-def _percent(value: dict[str, Any]) -> str:
+def _percent(value: dict[str, Any], digits: int) -> str:
     """Mean and interval in percent."""
-    if value["low"] is None:
-        return f"{100 * value['mean']:.1f} %"
-    low, high = 100 * value["low"], 100 * value["high"]
-    return f"{100 * value['mean']:.1f} % [{low:.1f}, {high:.1f}]"
+    mean, low, high = (value[name] for name in ("mean", "low", "high"))
+    text = f"{100 * mean:.{digits}f}"
+    if low is None:
+        return text
+    return escape(f"{text} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]")

@@ -65,19 +65,23 @@ def test_progress_rises_to_the_whole_and_says_what_is_played(evaluation):
 
 
 def test_the_table_shows_both_with_intervals(evaluation):
-    console = Console(width=160, record=True, file=io.StringIO())
+    console = Console(width=80, record=True, file=io.StringIO())
     console.print(table(evaluation[0]))
     text = console.export_text()
-    assert "greedy closed" in text and "limit" in text and "[" in text and "%" in text
+    assert all(word in text for word in ("greedy", "success", "closed", "limit", "95 % interval"))
+    row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["4"])
+    assert row[:4] == ["4", "40", "[12,", "77]"]  # Wilson's interval of two in five
+    assert max(map(len, text.splitlines())) <= 80
     console.print(table({**evaluation[0], "baseline": None}))
     assert "greedy" not in console.export_text()
 
 
-def test_the_table_of_one_trial_has_no_intervals(evaluation):
+def test_a_single_trial_has_an_interval_of_success_alone(evaluation):
     one = summarise(trials_by_formula(Greedy(), 8, 1, "scaled", 5, lambda share: None))
-    console = Console(width=160, record=True, file=io.StringIO())
+    console = Console(width=80, record=True, file=io.StringIO())
     console.print(table(one))
-    assert "6.0 %" in console.export_text()
+    row = next(x.split() for x in console.export_text().splitlines() if x.split()[:1] == ["8"])
+    assert row == ["8", "100", "[21,", "100]", "6.0", "0", "6.0"]
 
 
 def test_the_baseline_is_not_its_own_baseline(monkeypatch):

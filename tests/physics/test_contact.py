@@ -105,43 +105,57 @@ def recompiling(monkeypatch):
     forget_compiled()
 
 
-def violent_run(seed, num, batch, steps):
-    """Chains before every step, their thrusts, and after: full thrust held for 1 to 10 steps."""
+def violent_run(num, batch, steps):
+    """A function of a seed: chains before every step, thrusts (N), and chains after it.
+
+    Full thrust, to either side at random, held for 1, 2, ..., 10 steps, folds the chains.
+    """
     every = jnp.arange(batch)[:, None] % 10 + 1
 
-    def one(carry, now):
+    def one(key, carry, now):
         chains, thrust = carry
-        side = jr.rademacher(jr.fold_in(jr.key(seed), now), (batch, num), float)
+        side = jr.rademacher(jr.fold_in(key, now), (batch, num), float)
         thrust = jnp.where(now % every == 0, side, thrust)
         after = jax.vmap(step)(chains, thrust)
         return (after, thrust), (chains, thrust, after)
 
-    start = resting(*bent(np.random.default_rng(seed), batch, num, 0.5))
-    run = jax.jit(
-        lambda start: jax.lax.scan(one, (start, jnp.zeros((batch, num))), jnp.arange(steps))
-    )
-    return run(start)[1]
+    @jax.jit
+    def run(key, start):
+        carry = (start, jnp.zeros((batch, num)))
+        return jax.lax.scan(functools.partial(one, key), carry, jnp.arange(steps))[1]
+
+    def from_seed(seed):
+        return run(jr.key(seed), resting(*bent(np.random.default_rng(seed), batch, num, 0.5)))
+
+    return from_seed
 
 
-def step_each(chains, pushes, contact=True):
-    """Every chain of (steps, batch) one control step on."""
+def step_each(contact=True):
+    """A function that steps every chain of (steps, batch)."""
     many = jax.vmap(functools.partial(step, contact=contact))
-    return jax.jit(lambda *all: jax.lax.map(lambda some: many(*some), all))(chains, pushes)
+    return jax.jit(lambda *all: jax.lax.map(lambda some: many(*some), all))
 
 
-@pytest.mark.parametrize(("num", "batch", "steps"), [(8, 200, 240), (17, 40, 60), (33, 20, 60)])
+# With these seeds chains bend and joints give more than in most others.
+@pytest.mark.parametrize(
+    ("num", "batch", "steps", "seeds"),
+    [(8, 200, 80, (3, 6, 7)), (17, 40, 60, (0,)), (33, 20, 60, (33,))],
+)
 def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
-    recompiling, num, batch, steps
+    recompiling, num, batch, steps, seeds
 ):
-    before, pushes, after = violent_run(num, num, batch, steps)
+    runs = [*map(violent_run(num, batch, steps), seeds)]
     recompiling(crowd, "FREE_SLACK", 1e3)
     recompiling(crowd, "HELD_SLACK", 1e3)
     recompiling(crowd, "MOST_PARTNERS", num)
-    expected = step_each(before, pushes)
-    without = step_each(before, pushes, contact=False)
-    touched = np.abs(expected.units.position - without.units.position).max((2, 3)) > 1e-4
-    assert touched.sum() >= 10
-    assert largest_difference(after.units.position, expected.units.position) <= 1e-5
+    looking, passing = step_each(), step_each(contact=False)
+    touched = 0
+    for before, pushes, after in runs:
+        expected = looking(before, pushes).units.position
+        effect = np.abs(expected - passing(before, pushes).units.position)
+        touched += np.count_nonzero(effect.max((2, 3)) > 1e-4)
+        assert largest_difference(after.units.position, expected) <= 1e-5
+    assert touched >= 10
 
 
 def test_shapes_are_looked_at_only_when_some_units_are_near(recompiling):
