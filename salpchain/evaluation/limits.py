@@ -8,17 +8,17 @@ thrusts, at most one newton each, then add to it in every substep, before the po
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.physics.chain import Chain, Physics
+from salpchain.physics.chain import Chain, Physics, Scalar
 
 MOST_THRUST = 1.0  # N, of a unit (DESIGN section 2)
 
 
-def acceleration(physics: Physics, length: int) -> float:
+def acceleration(physics: Physics, length: int) -> Scalar:
     """Largest acceleration (m/s2) of a chain's centre of mass: all units thrust one way."""
     return length * MOST_THRUST / _mass(physics, length)
 
 
-def top_speed(physics: Physics, length: int) -> float:
+def top_speed(physics: Physics, length: int) -> Scalar:
     """Speed (m/s) of the centre of mass that no chain exceeds: that at the end of a control step.
 
     v = (1 - drag) v + a T in the steady state, a the acceleration and T the control step.
@@ -29,13 +29,13 @@ def top_speed(physics: Physics, length: int) -> float:
     return acceleration(physics, length) * physics.control_step / physics.drag
 
 
-def cruising_speed(physics: Physics, length: int) -> float:
+def cruising_speed(physics: Physics, length: int) -> Scalar:
     """Mean speed (m/s) over a control step in the steady state of full thrust."""
     gain = acceleration(physics, length) * physics.control_step
     return (1 - physics.drag) * top_speed(physics, length) + gain * _mean_of_ramp(physics)
 
 
-def distance_covered(physics: Physics, length: int, steps: int) -> float:
+def distance_covered(physics: Physics, length: int, steps: int) -> Scalar:
     """Farthest (m) that the centre of mass gets from rest in so many control steps.
 
     In step j the velocity starts from (1 - drag) v and grows by a dt in each of S substeps, so
@@ -48,7 +48,7 @@ def distance_covered(physics: Physics, length: int, steps: int) -> float:
     return step * (glide + steps * gain * _mean_of_ramp(physics))
 
 
-def centroid_slack(physics: Physics, length: int) -> float:
+def centroid_slack(physics: Physics, length: int) -> Scalar:
     """How far (m) the units' centroid may be from the centre of mass of units and links.
 
     The end units have one link instead of two, so the centre of mass keeps away from the point
@@ -91,7 +91,7 @@ def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
     return (units + links) / _mass(physics, chain.present.shape[0])
 
 
-def _mass(physics: Physics, length: int) -> float:
+def _mass(physics: Physics, length: int) -> Scalar:
     return length * physics.unit_mass + (length - 1) * physics.link_mass
 
 
@@ -100,7 +100,7 @@ def _mean_of_ramp(physics: Physics) -> float:
     return (physics.substeps + 1) / (2 * physics.substeps)
 
 
-def _sum_of_sums(keep: float, count: int) -> float:
+def _sum_of_sums(keep: Scalar, count: int) -> Scalar:
     """Sum over j < count of the sum over i < j of keep^i."""
     if keep == 1:
         return count * (count - 1) / 2

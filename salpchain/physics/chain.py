@@ -12,6 +12,8 @@ from salpchain.physics.batching import over_the_batch
 from salpchain.physics.crowd import advance
 from salpchain.physics.engine import Load, Motion, Rig
 
+Scalar = float | Float[Array, ""]  # traced or not
+
 
 class Bodies(eqx.Module):
     """Rigid bodies in the plane."""
@@ -51,18 +53,18 @@ class Physics(eqx.Module):
         ValueError: a constant that cannot be, named with its unit.
     """
 
-    unit_length: float = 0.04  # m, along the chain
-    unit_width: float = 0.05  # m, across the chain
-    unit_mass: float = 1.0  # kg
-    link_length: float = 0.07  # m, between the centres of two units
-    link_mass: float = 1.0  # kg
-    joint_stiffness: float = 900.0  # N/m
-    angle_stiffness: float = 0.1  # N m
-    contact_stiffness: float = 1500.0  # N/m
-    contact_gap: float = 4 / 600  # m, boxes closer than this repel (VMAS LINE_MIN_DIST)
-    softness: float = 1e-3  # m, width of the soft onset of joint and contact (VMAS contact_margin)
-    drag: float = 0.25  # share of every velocity lost at the start of a control step
-    control_step: float = 0.1  # s
+    unit_length: Scalar = 0.04  # m, along the chain
+    unit_width: Scalar = 0.05  # m, across the chain
+    unit_mass: Scalar = 1.0  # kg
+    link_length: Scalar = 0.07  # m, between the centres of two units
+    link_mass: Scalar = 1.0  # kg
+    joint_stiffness: Scalar = 900.0  # N/m
+    angle_stiffness: Scalar = 0.1  # N m
+    contact_stiffness: Scalar = 1500.0  # N/m
+    contact_gap: Scalar = 4 / 600  # m, boxes closer than this repel (VMAS LINE_MIN_DIST)
+    softness: Scalar = 1e-3  # m, width of the soft onset of joint and contact (VMAS contact_margin)
+    drag: Scalar = 0.25  # share of every velocity lost at the start of a control step
+    control_step: Scalar = 0.1  # s
     substeps: int = eqx.field(default=15, static=True)
 
     def __check_init__(self) -> None:
@@ -151,7 +153,7 @@ def _step(contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: A
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
-    return [field for motion in moved for field in _fields(motion)]
+    return [*_fields(moved.units), *_fields(moved.links)]
 
 
 def _motion(bodies: Bodies, alive: Array) -> Motion:

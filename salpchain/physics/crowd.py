@@ -8,23 +8,26 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.contact import contact_load, touching_distance
-from salpchain.physics.engine import Load, Motion, Rig, run_substeps
+from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
-# How much closer two units may come in one control step (chosen; a test compares with all pairs).
-FREE_SLACK = 0.02  # m, beyond their present relative speed: full thrust moves a free pair by 1 cm
-HELD_SLACK = 0.008  # m, for two units that a link holds apart: a joint gives by a few millimetres
+# How much closer two units may come in one control step, beyond what their speeds bring them
+# (chosen; a test compares with all pairs): full thrust moves a free unit by 1 cm.
+SLACK = 0.02  # m
+# What turning within a control step may add to the reach of two neighbours towards each other,
+# beyond its value before and after (chosen; the same test).
+TURN_SLACK = 0.003  # m
 
 MOST_PARTNERS = 8  # units that one unit may touch, before all pairs are looked at (chosen)
 SHARE = 16  # a chunk of crowded chains is this part of the batch (chosen)
-
-Moved = tuple[Motion, Motion]
+AWAY = 1e4  # m, where slots are put that nothing may touch (chosen)
+BLOCK = 8  # neighbouring units in one bounding circle (chosen)
 
 
 def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -> Moved:
-    """Units and links one control step later."""
+    """Both kinds of body one control step later."""
     free = run_substeps(rig, units, links, push, None)
     if not contact or units.angle.shape[0] < 2:
         return free
@@ -46,7 +49,7 @@ def _mend_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Move
         moved = jax.tree.map(lambda new, old: jnp.where(done, new, old), back, moved)
         return left & ~done, moved
 
-    start = (crowded(rig, units), free)
+    start = (crowded(rig, units, free), free)
     return jax.lax.while_loop(lambda carry: carry[0].any(), mend, start)[1]
 
 
@@ -74,61 +77,117 @@ def _touching(rig: Rig, units: Motion, links: Motion, push: Load) -> Moved:
     )
 
 
-def crowded(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
+def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
     """Chains in which some pair of units may touch in this control step."""
     num = units.angle.shape[0]
-    near = _within_reach(rig, units, 1, _held(rig, 1))
-    if num <= 16:
-        for shift in range(2, num // 2 + 1):
-            near |= _within_reach(rig, units, shift, None)
-        return near.any(axis=0)
+    place, reach = _scattered(rig, units), _reach(rig, units)
+    near = _held_touch(rig, units, free)
+    if num <= 4 * BLOCK:
+        return near | (_least_square(place, rig.joined, num // 2) < reach**2)
+    near |= _least_square(place, rig.joined, 2 * BLOCK - 1) < reach**2
+    return near | _far_units_near(place, rig.present, reach)
+
+
+def _reach(rig: Rig, units: Motion) -> Float[Array, " batch"]:
+    """Distance of centres (m) within which two units of a chain may touch in this control step."""
+    alive = rig.present.sum(axis=0)
+    drift = units.velocity.sum(axis=1) / jnp.maximum(alive, 1)
+    rush = jnp.where(rig.present, _square(units.velocity - drift[:, None]), 0.0).max(axis=0)
+    closing = 2 * jnp.sqrt(rush) * rig.physics.control_step
+    return touching_distance(rig.physics) + SLACK + closing
+
+
+def _scattered(rig: Rig, units: Motion) -> Float[Array, "2 unit batch"]:
+    """Positions (m), with dead slots far from all others and from each other."""
+    away = AWAY * (1.0 + jnp.arange(len(rig.present))[:, None])
+    return jnp.where(rig.present, units.position, away)
+
+
+def _least_square(
+    place: Float[Array, "2 unit batch"], joined: Bool[Array, "link batch"], most: int
+) -> Float[Array, " batch"]:
+    """Least square distance (m2) of two units of a chain up to `most` slots apart, counted round.
+
+    Neighbours that a link joins do not count.
+    """
+    num = place.shape[1]
+    twice = jnp.concatenate([place, place[:, :most]], axis=1)
+    ends = jnp.concatenate([joined, joined if num == 2 else jnp.zeros_like(joined[:1])])
+    least = _square(twice[:, 1 : num + 1] - place) + jnp.where(ends, AWAY, 0.0)
+    for shift in range(2, most + 1):
+        least = jnp.minimum(least, _square(twice[:, shift : num + shift] - place))
+    return least.min(axis=0)
+
+
+def _held_touch(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
+    """Chains in which two units that a link joins may touch.
+
+    These are pressed together and turned to each other by joints alone, so how they move without
+    contact tells all. Two boxes are at least as far apart as their centres less what each extends
+    towards the other.
+    """
+    distance = jnp.sqrt(free.nearest)
+    extent = jnp.maximum(_extent(rig.physics, units), _extent(rig.physics, free.units))
+    near = distance < touching_distance(rig.physics)
+    near &= distance < extent + TURN_SLACK + rig.physics.contact_gap
+    return (near & rig.joined).any(axis=0)
+
+
+def _extent(physics: Any, units: Motion) -> Float[Array, "link batch"]:
+    """How far (m) the boxes of neighbours reach towards each other, both together."""
+    gap = units.position[:, 1:] - units.position[:, :-1]
+    gap = gap / jnp.maximum(jnp.sqrt(_square(gap)), 1e-9)
+    turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
+    total = jnp.zeros_like(gap[0])
+    for box in (turn[:, :-1], turn[:, 1:]):
+        along = jnp.abs(box[0] * gap[0] + box[1] * gap[1])
+        across = jnp.abs(box[0] * gap[1] - box[1] * gap[0])
+        total += physics.unit_length / 2 * along + physics.unit_width / 2 * across
+    return total
+
+
+def _far_units_near(
+    place: Float[Array, "2 unit batch"],
+    present: Bool[Array, "unit batch"],
+    reach: Float[Array, " batch"],
+) -> Bool[Array, " batch"]:
+    """Chains in which units that are two blocks apart or more may touch.
+
+    First the bounding circles of blocks of neighbouring units; all pairs only where two come near.
+    """
+    num, batch = place.shape[1:]
+    centre, radius = _blocks(place, present)
+    blocks = len(radius)
+    near = jnp.zeros(batch, bool)
+    for shift in range(2, blocks):
+        gap = jnp.sqrt(_square(centre[:, shift:] - centre[:, :-shift]))
+        near |= (gap < radius[shift:] + radius[:-shift] + reach).any(axis=0)
+    twice = jnp.concatenate([place, place], axis=1)
 
     def look(shift: Array, near: Array) -> Array:
-        return near | _within_reach(rig, units, shift, None)
+        other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
+        return near | (_square(other - place) < reach**2).any(axis=0)
 
-    return jax.lax.fori_loop(2, num // 2 + 1, look, near).any(axis=0)
+    def look_at_all() -> Array:
+        return jax.lax.fori_loop(2, num // 2 + 1, look, jnp.zeros(batch, bool))
 
-
-def _held(rig: Rig, shift: int | Array) -> Bool[Array, "unit batch"]:
-    """Units that a link joins to the unit `shift` slots further on, counted round."""
-    after = jnp.concatenate([rig.joined, jnp.zeros_like(rig.joined[:1])])
-    before = jnp.roll(after, 1, axis=0)
-    num = after.shape[0]
-    return (after & (shift == 1)) | (before & (shift == num - 1))
+    return jax.lax.cond(near.any(), look_at_all, lambda: near)
 
 
-def _within_reach(
-    rig: Rig, units: Motion, shift: int | Array, held: Bool[Array, "unit batch"] | None
-) -> Bool[Array, "unit batch"]:
-    """Units that may touch the one `shift` slots on, counted round, in this control step."""
-    gap, rush = (_ahead(x, shift) - x for x in (units.position, units.velocity))
-    square = gap[0] ** 2 + gap[1] ** 2
-    touching = touching_distance(rig.physics)
-    reach = touching + FREE_SLACK + jnp.sqrt(_square(rush)) * rig.physics.control_step
-    near = square < reach * reach
-    if held is not None:
-        near = jnp.where(held, _turned_to_each_other(rig, units, shift, gap), near)
-    return near & rig.present & _ahead(rig.present, shift)
-
-
-def _turned_to_each_other(rig: Rig, units: Motion, shift: int | Array, gap: Array) -> Array:
-    """Whether two units that a link joins may touch: only if both turn a corner to the other.
-
-    Their boxes are at least as far apart as their centres less what each extends towards the other.
-    """
-    physics = rig.physics
-    distance = jnp.sqrt(_square(gap))
-    line = jnp.arctan2(gap[1], gap[0])
-    extent = jnp.zeros_like(distance)
-    for angle in (units.angle, _ahead(units.angle, shift)):
-        along, across = jnp.abs(jnp.cos(angle - line)), jnp.abs(jnp.sin(angle - line))
-        extent += physics.unit_length / 2 * along + physics.unit_width / 2 * across
-    near = distance - HELD_SLACK < touching_distance(physics)
-    return near & (distance - HELD_SLACK < extent + physics.contact_gap)
-
-
-def _ahead(x: Array, shift: int | Array) -> Array:
-    return jnp.roll(x, -shift, axis=-2)
+def _blocks(
+    place: Float[Array, "2 unit batch"], present: Bool[Array, "unit batch"]
+) -> tuple[Float[Array, "2 block batch"], Float[Array, "block batch"]]:
+    """Bounding circles of each block's present units; the radius is -inf where there are none."""
+    num, batch = present.shape
+    rows = jnp.arange(-(-num // BLOCK) * BLOCK)
+    split = (-1, BLOCK, batch)
+    alive = (present[jnp.minimum(rows, num - 1)] & (rows < num)[:, None]).reshape(split)
+    inside = place[:, jnp.minimum(rows, num - 1)].reshape(2, *split)
+    low = jnp.where(alive, inside, AWAY).min(axis=2)
+    high = jnp.where(alive, inside, -AWAY).max(axis=2)
+    centre = (low + high) / 2
+    distance = jnp.sqrt(_square(inside - centre[:, :, None]))
+    return centre, jnp.where(alive, distance, -jnp.inf).max(axis=1)
 
 
 def _square(vector: Array) -> Array:
@@ -147,12 +206,15 @@ def _partners_within_reach(
     """For each unit those within reach, itself filling up; and whether some list is too short."""
     num = units.angle.shape[0]
     rows = jnp.arange(num)[:, None]
+    place, reach = _scattered(rig, units), _reach(rig, units)
+    twice = jnp.concatenate([place, place], axis=1)
 
-    def find(shift: int | Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+    def find(shift: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         partner, count = carry
-        near = _within_reach(rig, units, shift, _held(rig, shift))
-        place = near & (count == jnp.arange(MOST_PARTNERS)[:, None, None])
-        return jnp.where(place, (rows + shift) % num, partner), count + near
+        other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
+        near = _square(other - place) < reach**2
+        here = near & (count == jnp.arange(MOST_PARTNERS)[:, None, None])
+        return jnp.where(here, (rows + shift) % num, partner), count + near
 
     nobody = jnp.broadcast_to(rows, (MOST_PARTNERS, *units.angle.shape)).astype(jnp.int32)
     start = (nobody, jnp.zeros(units.angle.shape, jnp.int32))

@@ -57,11 +57,20 @@ class Rig(NamedTuple):
 
 
 class Substate(NamedTuple):
-    """Both kinds of body, and the half links: from a link's centre to its second end."""
+    """Both kinds of body, and what is kept up with them."""
 
     units: Motion
     links: Motion
-    half: Float[Array, "2 link batch"]
+    half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
+    nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours so far
+
+
+class Moved(NamedTuple):
+    """Both kinds of body after a control step."""
+
+    units: Motion
+    links: Motion
+    nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours on the way
 
 
 ContactLoad = Callable[[Motion], Load]
@@ -69,13 +78,13 @@ ContactLoad = Callable[[Motion], Load]
 
 def run_substeps(
     rig: Rig, units: Motion, links: Motion, push: Load, contact: ContactLoad | None
-) -> tuple[Motion, Motion]:
+) -> Moved:
     """Both kinds of body after all substeps, with the contact load computed in each if given.
 
     The loop is not unrolled: XLA then fuses the transposes around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
-    state = Substate(units, links, half)
+    state = Substate(units, links, half, jnp.full_like(links.angle, jnp.inf))
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
@@ -83,7 +92,7 @@ def run_substeps(
         return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return state.units, state.links
+    return Moved(state.units, state.links, state.nearest)
 
 
 def _sum(one: Load, other: Load) -> Load:
@@ -91,7 +100,9 @@ def _sum(one: Load, other: Load) -> Load:
 
 
 def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
-    units, links, half = state
+    units, links, half, nearest = state
+    ahead = units.position[:, 1:] - units.position[:, :-1]
+    nearest = jnp.minimum(nearest, ahead[0] ** 2 + ahead[1] ** 2)
     joints = _joints(rig, units, links, half)
     couple = joints.first - joints.second
     twist = half[0] * couple[1] - half[1] * couple[0]
@@ -105,7 +116,7 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     physics = rig.physics
     links = _integrate(rig, links, on_links, physics.link_mass, rig.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, rig.unit_inertia, keep)
-    return Substate(units, links, _turn(half, rig.dt * links.angular_velocity))
+    return Substate(units, links, _turn(half, rig.dt * links.angular_velocity), nearest)
 
 
 def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:

@@ -7,9 +7,15 @@ import jax
 
 from salpchain.errors import InputError
 
+LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
+LOOP_BYTES = 10_000_000  # touched in one turn of a loop that becomes one function (chosen)
+
 
 def use_devices(count: int | None = None) -> int:
     """Makes `count` devices ready and returns how many there are to be used.
+
+    Also lets XLA compile the substep loop of the physics as one function, which it does on a CPU
+    only for loops over little memory: the environment is then faster by a third.
 
     On a CPU each core becomes a device of its own (several times faster than one device with many
     threads). Must come before JAX's first computation; later, the devices that are there are used.
@@ -17,6 +23,9 @@ def use_devices(count: int | None = None) -> int:
     Raises:
         InputError: fewer devices than asked for.
     """
+    if LOOP_OPTION not in os.environ.get("XLA_FLAGS", ""):
+        flag = f"--xla_backend_extra_options={LOOP_OPTION}={LOOP_BYTES}"
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with contextlib.suppress(RuntimeError):  # JAX has started: its devices are what they are
         jax.config.update("jax_num_cpu_devices", count or cores or 1)

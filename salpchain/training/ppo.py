@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import optax
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
@@ -15,6 +15,9 @@ from salpchain.training.config import PPOConfig
 from salpchain.training.rollout import Outcome, Sample, log_prob
 
 AXIS = "devices"  # the mesh axis over which chains are shared out
+# Units whose activations are worked on at a time: on a CPU they stay in a core's cache, which
+# nearly halves the time of an update (measured); a GPU takes a minibatch whole.
+CACHED_ROWS = {"cpu": 2048}
 
 
 class Lesson(eqx.Module):
@@ -74,9 +77,7 @@ def improve(
 
     def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
         policy, optimiser_state = carry
-        few = jax.tree.map(lambda x: x[chosen], flat)
-        gradient, losses = jax.grad(loss, has_aux=True)(policy, config, few)
-        gradient, losses = jax.lax.pmean((gradient, losses), AXIS)
+        gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen), AXIS)
         norm = optax.global_norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
         policy = optax.apply_updates(policy, updates)
@@ -85,6 +86,31 @@ def improve(
     start = (policy, optimiser_state)
     (policy, optimiser_state), losses = jax.lax.scan(epoch, start, jr.split(key, config.epochs))
     return policy, optimiser_state, jax.tree.map(jnp.mean, losses)
+
+
+def _gradient(
+    policy: ActorCritic, config: PPOConfig, flat: Lesson, chosen: Int[Array, " minibatch"]
+) -> tuple[ActorCritic, Losses]:
+    """Mean gradient and losses over the chosen chain-steps, in parts that fit a core's cache."""
+    units = flat.sample.present.shape[-1]
+    rows = CACHED_ROWS.get(jax.default_backend(), chosen.shape[0] * units)
+    parts = chosen.reshape(-1, largest_divisor(chosen.shape[0], max(1, rows // units)))
+
+    def of_part(some: Array) -> Any:
+        few = jax.tree.map(lambda x: x[some], flat)
+        return jax.grad(loss, has_aux=True)(policy, config, few)
+
+    def add(total: Any, some: Array) -> tuple[Any, None]:
+        return jax.tree.map(jnp.add, total, of_part(some)), None
+
+    nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of_part, parts[0]))
+    total, _ = jax.lax.scan(add, nothing, parts)
+    return jax.tree.map(lambda x: x / parts.shape[0], total)
+
+
+def largest_divisor(number: int, most: int) -> int:
+    """The largest number up to `most` that divides this one."""
+    return max(n for n in range(1, min(number, most) + 1) if number % n == 0)
 
 
 def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[Array, ""], Losses]:

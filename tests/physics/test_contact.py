@@ -145,8 +145,8 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
     recompiling, num, batch, steps, seeds
 ):
     runs = [*map(violent_run(num, batch, steps), seeds)]
-    recompiling(crowd, "FREE_SLACK", 1e3)
-    recompiling(crowd, "HELD_SLACK", 1e3)
+    recompiling(crowd, "SLACK", 1e3)
+    recompiling(crowd, "TURN_SLACK", 1e3)
     recompiling(crowd, "MOST_PARTNERS", num)
     looking, passing = step_each(), step_each(contact=False)
     touched = 0
