@@ -67,7 +67,9 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
     from salpchain.cli.display import share_display
     from salpchain.control.storage import load
     from salpchain.evaluation.evaluate import evaluate, table
+    from salpchain.training.devices import use_devices
 
+    use_devices()
     policy = load(folder / "run")
     with share_display("testing") as watch:
         summary = evaluate(policy, lengths, trials, "scaled", 0, folder, progress=watch)

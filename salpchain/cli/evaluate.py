@@ -54,7 +54,9 @@ def run(options: Evaluate) -> None:
     out.mkdir(parents=True, exist_ok=True)
     from salpchain.cli.display import share_display
     from salpchain.evaluation.evaluate import evaluate, table
+    from salpchain.training.devices import use_devices
 
+    use_devices()
     with share_display("testing") as watch:
         summary = evaluate(
             controller, lengths, trials, options.time_limit, seed, out, progress=watch
