@@ -26,10 +26,7 @@ PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
 def training_display(config: TrainConfig) -> Iterator[Watch]:
     """A watcher that shows steps, steps/s, success, closed fraction and time left."""
     console = Console()
-    console.print(
-        f"training {config.control.model} on {config.control.graph}, {config.task.length} units,"
-        f" preset {config.preset}, seed {config.seed}: compiling"
-    )
+    console.print(f"training {config.name}, preset {config.preset}, seed {config.seed}: compiling")
     if not console.is_terminal:
         yield _plain(console)
         return

@@ -14,8 +14,6 @@ from salpchain.evaluation.config import parse_lengths
 if TYPE_CHECKING:
     from salpchain.control.policy import Controller
 
-SINGLE_LENGTH = ("mlp",)  # models that work at their own length only
-
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -49,7 +47,8 @@ def run(options: Evaluate) -> None:
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
     controller = controller_of(options.policy)
-    check_lengths(controller, lengths)
+    for length in lengths:
+        controller.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
     out.mkdir(parents=True, exist_ok=True)
     from salpchain.cli.display import share_display
@@ -82,21 +81,6 @@ def controller_of(name: str) -> "Controller":
     from salpchain.control.storage import load
 
     return load(name)
-
-
-def check_lengths(controller: "Controller", lengths: list[int]) -> None:
-    """Nothing, if the controller can steer chains of all these lengths.
-
-    Raises:
-        InputError: it works at its own length only.
-    """
-    card = controller.card
-    others = [length for length in lengths if length != card.length]
-    if card.control.model in SINGLE_LENGTH and others:
-        raise InputError(
-            f"{card.name} is an {card.control.model} and works at {card.length} units only,"
-            f" got {others[0]}: use --lengths {card.length}"
-        )
 
 
 def default_out(policy: str) -> Path:

@@ -32,7 +32,7 @@ class Train:
     preset: Name = ""
     """quick (ours: 95 % success in minutes; default) or paper (the paper's Table 2)."""
     model: Name = ""
-    """Controller: gcn (default)."""
+    """Controller: gcn (default; any length) or mlp (its training length only)."""
     graph: Name = ""
     """Who listens to whom: mixed (itself and its neighbours; default) or full (everyone)."""
     observation: Name = ""
@@ -42,7 +42,7 @@ class Train:
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all. Default: the preset's (quick: 1,000,000)."""
+    """Chain-steps in all. Default: the preset's (quick: 750,000)."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 

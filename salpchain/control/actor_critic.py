@@ -10,12 +10,12 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.control.config import ControlConfig
-from salpchain.control.gcn import WIDTH, gcn
+from salpchain.control.gcn import gcn
 from salpchain.control.graph import GRAPHS, Graph
-from salpchain.control.layers import Linear, gelu, linear
+from salpchain.control.layers import ACTOR_GAIN, WIDTH, Head, head
+from salpchain.control.mlp import mlp
 
 START_LOG_STD = -0.5  # of every action (DESIGN section 5)
-ACTOR_GAIN = 0.01  # of the actor's last layer, so that training starts from no thrust (chosen)
 
 
 @runtime_checkable
@@ -30,20 +30,33 @@ class Trunk(Protocol):
 TRUNKS: dict[str, Callable[[PRNGKeyArray, int], Trunk]] = {"gcn": gcn}
 
 
-class Head(eqx.Module):
-    """Linear layers with GELU between them."""
-
-    layers: list[Linear]
-
-    def __call__(self, x: Float[Array, "*rows 128"]) -> Float[Array, "*rows outputs"]:
-        """(..., 128) to (..., outputs)."""
-        for layer in self.layers[:-1]:
-            x = gelu(layer(x))
-        return self.layers[-1](x)
-
-
-class ActorCritic(eqx.Module):
+@runtime_checkable
+class ActorCritic(Protocol):
     """A Gaussian over each unit's action, and the value of the whole chain."""
+
+    log_std: Float[Array, "*slots act"]
+
+    def __call__(
+        self,
+        obs: Float[Array, "unit inputs"],
+        present: Bool[Array, " unit"],
+        joined: Bool[Array, " link"],
+    ) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
+        """Mean action of each unit, and the value."""
+        ...
+
+    def act(
+        self,
+        obs: Float[Array, "unit inputs"],
+        present: Bool[Array, " unit"],
+        joined: Bool[Array, " link"],
+    ) -> Float[Array, "unit act"]:
+        """Mean action of each unit alone: what the deterministic policy does."""
+        ...
+
+
+class GraphActorCritic(eqx.Module):
+    """Heads on a shared graph trunk; the same weights serve any length."""
 
     trunk: Trunk
     actor: Head
@@ -87,20 +100,16 @@ def actor_critic(
     key: PRNGKeyArray, config: ControlConfig, inputs: int, actions: int, length: int
 ) -> ActorCritic:
     """Fresh weights for units that observe `inputs` numbers and act with `actions`."""
-    trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
     slots = () if config.shared_log_std else (length,)
-    return ActorCritic(
+    log_std = jnp.full((*slots, actions), START_LOG_STD)
+    if config.model == "mlp":
+        return mlp(key, inputs, actions, length, log_std)
+    trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
+    return GraphActorCritic(
         trunk=TRUNKS[config.model](trunk_key, inputs),
         actor=head(actor_key, [WIDTH, WIDTH, WIDTH, actions], ACTOR_GAIN),
         critic=head(critic_key, [WIDTH, WIDTH, WIDTH, 1]),
         score=head(score_key, [WIDTH, WIDTH, 1]),
-        log_std=jnp.full((*slots, actions), START_LOG_STD),
+        log_std=log_std,
         graph=config.graph,
     )
-
-
-def head(key: PRNGKeyArray, sizes: list[int], last_gain: float = 1.0) -> Head:
-    """Fresh layers of these sizes; the last one's weights are scaled."""
-    keys = jr.split(key, len(sizes) - 1)
-    gains = [1.0] * (len(sizes) - 2) + [last_gain]
-    return Head([linear(*args) for args in zip(keys, sizes[:-1], sizes[1:], gains, strict=True)])

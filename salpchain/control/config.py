@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from salpchain.domain.config import one_of
 
-MODELS: tuple[str, ...] = ("gcn",)
+MODELS: tuple[str, ...] = ("gcn", "mlp")
+SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
 GRAPH_NAMES: tuple[str, ...] = ("mixed", "full")
 
 

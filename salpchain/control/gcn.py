@@ -5,9 +5,7 @@ import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.control.graph import Graph
-from salpchain.control.layers import GCNConv, gcn_conv, gelu, layer_norm
-
-WIDTH = 128  # features of a hidden layer (paper Table 3)
+from salpchain.control.layers import WIDTH, GCNConv, gcn_conv, gelu, layer_norm
 
 
 class GCN(eqx.Module):

@@ -8,6 +8,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.control.graph import Graph
 
+WIDTH = 128  # features of a hidden layer (paper Table 3)
+ACTOR_GAIN = 0.01  # of an actor's last layer, so that training starts from no thrust (chosen)
+
 
 class Linear(eqx.Module):
     """x W + b on the last axis (torch.nn.Linear, W transposed)."""
@@ -34,6 +37,18 @@ class GCNConv(eqx.Module):
         """
         scale = jax.lax.rsqrt(graph.degree().astype(x.dtype))[:, None]
         return self.linear(scale * graph.gather(scale * x))
+
+
+class Head(eqx.Module):
+    """Linear layers with GELU between them."""
+
+    layers: list[Linear]
+
+    def __call__(self, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
+        """(..., inputs) to (..., outputs)."""
+        for layer in self.layers[:-1]:
+            x = gelu(layer(x))
+        return self.layers[-1](x)
 
 
 def linear(key: PRNGKeyArray, inputs: int, outputs: int, gain: float = 1.0) -> Linear:
@@ -65,3 +80,10 @@ def gelu(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     By erf: `jax.nn.gelu` takes erfc, which XLA on a CPU computes in several more passes.
     """
     return 0.5 * x * (1.0 + jax.lax.erf(x * 0.5**0.5))
+
+
+def head(key: PRNGKeyArray, sizes: list[int], last_gain: float = 1.0) -> Head:
+    """Fresh layers of these sizes; the last one's weights are scaled."""
+    keys = jr.split(key, len(sizes) - 1)
+    gains = [1.0] * (len(sizes) - 2) + [last_gain]
+    return Head([linear(*args) for args in zip(keys, sizes[:-1], sizes[1:], gains, strict=True)])

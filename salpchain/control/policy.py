@@ -7,7 +7,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from salpchain.control.actor_critic import ActorCritic
-from salpchain.control.config import ControlConfig
+from salpchain.control.config import SINGLE_LENGTH, ControlConfig
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
@@ -15,6 +15,7 @@ from salpchain.domain.config import (
     one_of,
 )
 from salpchain.domain.scld import State
+from salpchain.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,18 @@ class PolicyCard:
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
         check_length(self.length)
+
+    def check_serves(self, length: int) -> None:
+        """Nothing, if the policy can steer chains of this length.
+
+        Raises:
+            InputError: it works at its own length only.
+        """
+        if self.control.model in SINGLE_LENGTH and length != self.length:
+            raise InputError(
+                f"{self.name} is an {self.control.model} and works at {self.length} units only,"
+                f" got length {length}"
+            )
 
     def as_dict(self) -> dict[str, object]:
         """The card as plain JSON values."""

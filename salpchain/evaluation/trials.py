@@ -69,7 +69,8 @@ def run_trials(
     (s) and reachable (the physical limit of closed_fraction).
 
     Raises:
-        InputError: fewer than one trial, or an impossible length or time limit.
+        InputError: fewer than one trial, an impossible length or time limit, or a length that the
+            controller cannot serve.
     """
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
@@ -88,6 +89,7 @@ def run_trials(
 
 def _domain(controller: Controller, length: int, time_limit: str) -> SCLD:
     card = controller.card
+    card.check_serves(length)
     return SCLD(TaskConfig(length, card.observation, card.action, time_limit))
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from salpchain.control.config import ControlConfig
+from salpchain.control.config import SINGLE_LENGTH, ControlConfig
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
 
@@ -63,7 +63,7 @@ class TrainConfig:
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     preset: str = "quick"
-    steps: int = 1_000_000  # chain-steps in all, rounded up to whole rollouts
+    steps: int = 750_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -71,6 +71,13 @@ class TrainConfig:
             raise InputError(f"steps must be positive, got {self.steps}")
         if self.seed < 0:
             raise InputError(f"seed must be 0 or more, got {self.seed}")
+
+    @property
+    def name(self) -> str:
+        """Of the policy: model, graph (where the model has one) and training length."""
+        control = self.control
+        graph = "" if control.model in SINGLE_LENGTH else f"-{control.graph}"
+        return f"{control.model}{graph}-{self.task.length}"
 
     @property
     def iterations(self) -> int:

@@ -148,8 +148,10 @@ def _iterate(
     config = sitting.config
     if int(learner.iteration) >= config.iterations:
         return learner
+    clock = Clock(float(log.rows[-1]["seconds"]) if log.rows else 0.0)
     step = compile_iterate(config, sitting.env, mesh_of(sitting.devices), learner)
-    recent, clock = Recent(), Clock(float(log.rows[-1]["seconds"]) if log.rows else 0.0)
+    clock.start_laps()
+    recent = Recent()
     saved = time.monotonic()
     for iteration in range(int(learner.iteration) + 1, config.iterations + 1):
         learner, metrics = step(learner)
@@ -158,7 +160,7 @@ def _iterate(
         log.add(row)
         recent.add(row)
         if sitting.watch:
-            sitting.watch(_progress(config, row, recent))
+            sitting.watch(_progress(config, row, recent, clock.pace))
         if stopped():
             break
         if time.monotonic() - saved > sitting.save_every:
@@ -168,18 +170,33 @@ def _iterate(
 
 
 class Clock:
-    """Seconds spent in iterations, over all sittings of a run."""
+    """Seconds spent on a run, compilation included, over all sittings; and those of iterations."""
 
     def __init__(self, before: float) -> None:
         """Starts from the seconds of earlier sittings."""
         self.total, self._last = before, time.monotonic()
+        self._laps, self._in_laps = 0, 0.0
+
+    def start_laps(self) -> None:
+        """The first iteration starts now."""
+        now = time.monotonic()
+        self.total, self._last = self.total + now - self._last, now
 
     def lap(self) -> float:
         """Seconds since the last lap, added to the total."""
         now = time.monotonic()
         lap, self._last = now - self._last, now
-        self.total += lap
+        self.total, self._in_laps, self._laps = (
+            self.total + lap,
+            self._in_laps + lap,
+            self._laps + 1,
+        )
         return lap
+
+    @property
+    def pace(self) -> float:
+        """Mean seconds of an iteration in this sitting."""
+        return self._in_laps / self._laps
 
 
 def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) -> Row:
@@ -203,10 +220,10 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
     }
 
 
-def _progress(config: TrainConfig, row: Row, recent: Recent) -> Progress:
+def _progress(config: TrainConfig, row: Row, recent: Recent, pace: float) -> Progress:
     success, closed = recent.means()
     total = config.iterations * config.ppo.batch
-    left = (config.iterations - row["iteration"]) * row["seconds"] / row["iteration"]
+    left = (config.iterations - row["iteration"]) * pace
     return Progress(int(row["steps"]), total, row["steps_per_second"], success, closed, left)
 
 
@@ -228,7 +245,7 @@ def _save(config: TrainConfig, run: Path, learner: Learner) -> None:
 
 def _policy(config: TrainConfig, learner: Learner) -> Policy:
     card = PolicyCard(
-        name=f"{config.control.model}-{config.control.graph}-{config.task.length}",
+        name=config.name,
         control=config.control,
         observation=config.task.observation,
         action=config.task.action,

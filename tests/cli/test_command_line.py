@@ -9,6 +9,7 @@ import pytest
 
 from salpchain.cli.main import COMMANDS, run
 from salpchain.control.actor_critic import actor_critic
+from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
 
@@ -17,6 +18,14 @@ from salpchain.control.storage import save_policy
 def policy(tmp_path):
     card = PolicyCard()
     path = tmp_path / "policy.safetensors"
+    save_policy(Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card), path)
+    return path
+
+
+@pytest.fixture
+def mlp(tmp_path):
+    card = PolicyCard("mlp-8", ControlConfig(model="mlp"))
+    path = tmp_path / "mlp.safetensors"
     save_policy(Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card), path)
     return path
 
@@ -62,6 +71,13 @@ BAD = [
 ]
 
 
+def test_an_mlp_is_refused_at_any_other_length_than_its_own(mlp, tmp_path, capsys):
+    words = ["evaluate", str(mlp), "--lengths", "8,16", "--out", str(tmp_path / "new")]
+    assert run(words) == 2
+    assert "works at 8 units only, got length 16" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "says"), BAD, ids=lambda x: " ".join(x) if isinstance(x, list) else ""
 )
@@ -94,18 +110,6 @@ def test_resume_refuses_settings_that_contradict_the_run(tmp_path, capsys):
         assert run(["train", "--resume", "--out", str(tmp_path / "run"), *words]) == 2
         assert says in capsys.readouterr().err
     assert (tmp_path / "run" / "config.json").read_text() == before
-
-
-def test_an_mlp_is_refused_at_other_lengths_than_its_own():
-    from types import SimpleNamespace
-
-    from salpchain.cli.evaluate import check_lengths
-    from salpchain.errors import InputError
-
-    card = SimpleNamespace(name="mlp-8", length=8, control=SimpleNamespace(model="mlp"))
-    check_lengths(SimpleNamespace(card=card), [8])
-    with pytest.raises(InputError, match="8 units only"):
-        check_lengths(SimpleNamespace(card=card), [8, 12])
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, capsys, policy):
