@@ -1,6 +1,8 @@
 """Speed against VMAS on the same machine, side by side in one run; the record goes to results/.
 
-python -m benchmarks.run [--quick] [--name NAME]
+python -m benchmarks.run [--quick] [--ours] [--name NAME]
+
+With --ours VMAS is left out, for machines without it; nothing is then a ratio.
 """
 
 import argparse
@@ -8,20 +10,18 @@ import json
 import os
 import platform
 from datetime import date
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import torch
+import jax
 
-from benchmarks.vmas_world import steps_per_second
 from salpchain.evaluation.speed import Speed, best, measure
 from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
 LENGTHS = (8, 16, 32, 64, 128)
 VMAS_BATCHES = {8: (1024, 4096), 16: (512, 2048), 32: (512, 1024), 64: (256, 512), 128: (64, 256)}
-OUR_BATCHES = {8: (512, 1024, 2048), 16: (256, 1024), 32: (128, 512), 64: (64, 256), 128: (64, 128)}
 
 
 def machine() -> dict[str, Any]:
@@ -36,40 +36,58 @@ def machine() -> dict[str, Any]:
         "cpu": cpu,
         "cores": len(os.sched_getaffinity(0)),
         "device": device_name(),
-        "torch_threads": torch.get_num_threads(),
         "python": platform.python_version(),
-        "versions": {name: version(name) for name in names},
+        "versions": {name: _version(name) for name in names},
         "date": date.today().isoformat(),
     }
 
 
-def against_vmas(length: int, devices: int) -> dict[str, Any]:
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def at_best(length: int, devices: int, vmas: bool) -> dict[str, Any]:
     """Both engines at their own best batch size: ours as a whole environment, VMAS its world."""
-    theirs = max((steps_per_second(n, length), n) for n in VMAS_BATCHES[length])
-    environment = best("environment", length, OUR_BATCHES[length], devices)
+    environment = best("environment", length, our_batches(length, devices), devices)
     physics = measure("physics", length, environment.envs, devices)
-    return {
+    ours = {
         "length": length,
-        "vmas_world_steps_per_second": theirs[0],
-        "vmas_envs": theirs[1],
+        "envs": environment.envs,
         "environment_steps_per_second": environment.steps_per_second,
         "physics_steps_per_second": physics.steps_per_second,
-        "envs": environment.envs,
-        "ratio_environment": environment.steps_per_second / theirs[0],
-        "ratio_physics": physics.steps_per_second / theirs[0],
     }
+    return beside_vmas(ours, length, VMAS_BATCHES[length]) if vmas else ours
 
 
-def at_ten(devices: int) -> dict[str, Any]:
+def at_ten(devices: int, vmas: bool) -> dict[str, Any]:
     """The original study's setting: 10 environments of 8 units."""
-    theirs = steps_per_second(10, 8)
-    ours = max((measure("environment", 8, 10, n) for n in {1, devices}), key=_rate)
-    return {
-        "vmas_world_steps_per_second": theirs,
-        "environment_steps_per_second": ours.steps_per_second,
-        "devices": ours.devices,
-        "ratio_environment": ours.steps_per_second / theirs,
+    speed = max((measure("environment", 8, 10, n) for n in {1, devices}), key=_rate)
+    ours = {
+        "length": 8,
+        "envs": 10,
+        "devices": speed.devices,
+        "environment_steps_per_second": speed.steps_per_second,
     }
+    return beside_vmas(ours, 8, (10,)) if vmas else ours
+
+
+def our_batches(length: int, devices: int) -> tuple[int, ...]:
+    """Batch sizes to try: on a CPU about what fits a core's cache, else as many as fill it."""
+    units = (4096, 8192, 16384) if jax.default_backend() == "cpu" else (2**18, 2**20)
+    return tuple(devices * max(1, n // length) for n in units)
+
+
+def beside_vmas(ours: dict[str, Any], length: int, batches: tuple[int, ...]) -> dict[str, Any]:
+    """The figures with VMAS's, at the best of these batch sizes, and the ratios of the speeds."""
+    from benchmarks.vmas_world import steps_per_second
+
+    rate, envs = max((steps_per_second(n, length), n) for n in batches)
+    parts = [name for name in ours if name.endswith("_steps_per_second")]
+    ratios = {f"ratio_{name.split('_')[0]}": ours[name] / rate for name in parts}
+    return {**ours, "vmas_envs": envs, "vmas_world_steps_per_second": rate, **ratios}
 
 
 def _rate(speed: Speed) -> float:
@@ -77,9 +95,9 @@ def _rate(speed: Speed) -> float:
 
 
 def scaling(devices: int) -> dict[str, Any]:
-    """Cost per unit and step at 256 units against 8, at the same number of units in all."""
+    """Cost per unit and step at 256 units against 8, either at its best batch size."""
     short, long = (
-        best("environment", n, b, devices) for n, b in ((8, (512, 1024)), (256, (32, 64)))
+        best("environment", length, our_batches(length, devices), devices) for length in (8, 256)
     )
     cost = {s.length: 1e9 * devices / (s.steps_per_second * s.length) for s in (short, long)}
     return {"core_ns_per_unit_step": cost, "ratio_256_to_8": cost[256] / cost[8]}
@@ -97,19 +115,20 @@ def main() -> None:
     """Runs all comparisons, prints and writes them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="8 and 64 units only")
+    parser.add_argument("--ours", action="store_true", help="without VMAS")
     parser.add_argument("--name", default="cpu", help="name of the record in results/")
     options = parser.parse_args()
-    devices = use_devices()
+    devices, vmas = use_devices(), not options.ours
     record: dict[str, Any] = {"machine": machine(), "devices": devices}
-    record["ten_environments"] = at_ten(devices)
+    record["ten_environments"] = at_ten(devices, vmas)
     print(json.dumps(record, indent=2), flush=True)
-    record["against_vmas"] = []
+    record["best_batch"] = []
     for length in (8, 64) if options.quick else LENGTHS:
-        row = against_vmas(length, devices)
+        row = at_best(length, devices, vmas)
         print(json.dumps(row), flush=True)
-        record["against_vmas"].append(row)
+        record["best_batch"].append(row)
     record["scaling"] = scaling(devices)
-    record["contact"] = [contact_share(8, 1024, devices), contact_share(64, 128, devices)]
+    record["contact"] = [contact_share(8, 2048, devices), contact_share(64, 256, devices)]
     print(json.dumps({k: record[k] for k in ("scaling", "contact")}, indent=2))
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / f"speed-{options.name}.json").write_text(json.dumps(record, indent=2) + "\n")

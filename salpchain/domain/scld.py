@@ -22,6 +22,7 @@ from salpchain.domain.config import (
 from salpchain.domain.observation import observe
 from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
+from salpchain.physics.batching import redo
 from salpchain.physics.chain import Chain, Physics, step
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
@@ -175,24 +176,8 @@ def renew_done(env: SCLD, states: State) -> State:
     episodes, in small chunks; each has its own key, so no start comes twice.
     """
     batch = states.time.shape[0]
-    chunk = min(batch, max(4, batch // RENEWED_AT_ONCE))
 
-    def renew(carry: tuple[Array, State]) -> tuple[Array, State]:
-        left, states = carry
-        chosen = jnp.nonzero(left, size=chunk, fill_value=0)[0]
-        fresh = jax.vmap(env.reset)(states.key[chosen], states.length[chosen])
-        slot = jnp.cumsum(left) - 1
-        filled = left & (slot < chunk)
-        placed = jax.tree.map(lambda x: x[jnp.clip(slot, 0, chunk - 1)], fresh)
-        return left & ~filled, where(filled, placed, states)
+    def renew(chosen: Int[Array, " some"]) -> State:
+        return jax.vmap(env.reset)(states.key[chosen], states.length[chosen])
 
-    return jax.lax.while_loop(lambda carry: carry[0].any(), renew, (states.done, states))[1]
-
-
-def where(flag: Bool[Array, " batch"], one: Any, other: Any) -> Any:
-    """For each chain of the batch, the arrays of `one` where the flag is true, else of `other`."""
-
-    def pick(x: Array, y: Array) -> Array:
-        return jnp.where(flag.reshape(flag.shape + (1,) * (x.ndim - 1)), x, y)
-
-    return jax.tree.map(pick, one, other)
+    return redo(states.done, states, renew, min(batch, max(4, batch // RENEWED_AT_ONCE)))

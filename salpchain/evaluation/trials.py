@@ -15,12 +15,11 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.policy import Controller
 from salpchain.domain.config import TaskConfig, step_limit
-from salpchain.domain.scld import SCLD, State, where
+from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
-from salpchain.physics.batching import anywhere
-from salpchain.physics.chain import Chain, Physics
-from salpchain.physics.contact import touching_distance
+from salpchain.physics.batching import where
+from salpchain.physics.chain import Chain, touching
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
@@ -168,59 +167,12 @@ def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
         reachable=trial.reachable,
         effort=trial.effort + jnp.abs(state.thrust).mean() * dt,
         path=trial.path + jnp.linalg.norm(moved),
-        contact_steps=trial.contact_steps + touching(env.physics, state.chain),
+        contact_steps=trial.contact_steps + touching(state.chain, env.physics),
     )
 
 
 def _centroid(chain: Chain) -> Float[Array, "2"]:
     return chain.units.position.mean(axis=0)
-
-
-def touching(physics: Physics, chain: Chain) -> Bool[Array, ""]:
-    """Whether the boxes of some two units are closer than the contact gap.
-
-    All pairs of centres are compared; the boxes only if in the batch some centres are near.
-    """
-
-    def boxes_meet() -> Bool[Array, ""]:
-        return (_near(physics, chain) & (_gap(physics, chain) <= physics.contact_gap)).any()
-
-    some_near = anywhere(_near(physics, chain).any())
-    return jax.lax.cond(some_near, boxes_meet, lambda: jnp.zeros((), bool))
-
-
-def _offset(chain: Chain) -> Float[Array, "2 unit unit"]:
-    """From unit i to unit j (m); coordinates first, which a CPU does faster."""
-    x, y = chain.units.position.T
-    return jnp.stack([x - x[:, None], y - y[:, None]])
-
-
-def _near(physics: Physics, chain: Chain) -> Bool[Array, "unit unit"]:
-    """Pairs of units near enough to touch, whichever way they are turned."""
-    near = _square(_offset(chain)) <= touching_distance(physics) ** 2
-    return near & chain.present & chain.present[:, None] & ~jnp.eye(len(near), dtype=bool)
-
-
-def _square(vector: Float[Array, "2 *shape"]) -> Float[Array, "*shape"]:
-    return vector[0] ** 2 + vector[1] ** 2
-
-
-def _gap(physics: Physics, chain: Chain) -> Float[Array, "unit unit"]:
-    """Distance (m) from the nearest corner of box i to box j, 0 where it is inside.
-
-    The smaller of [i, j] and [j, i] is the gap of the two boxes, unless they cross like a plus;
-    then their centres are nearer than a box is long, and the gap is 0.
-    """
-    length, width = physics.unit_length / 2, physics.unit_width / 2
-    cos, sin, offset = jnp.cos(chain.units.angle), jnp.sin(chain.units.angle), _offset(chain)
-    least = jnp.full(offset.shape[1:], jnp.inf)
-    for along, across in ((length, width), (length, -width), (-length, -width), (-length, width)):
-        x = (along * cos - across * sin)[:, None] - offset[0]
-        y = (along * sin + across * cos)[:, None] - offset[1]
-        ahead = jnp.maximum(jnp.abs(cos * x + sin * y) - length, 0.0)
-        aside = jnp.maximum(jnp.abs(cos * y - sin * x) - width, 0.0)
-        least = jnp.minimum(least, ahead**2 + aside**2)
-    return jnp.where(_square(offset) <= physics.unit_length**2, 0.0, jnp.sqrt(least))
 
 
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:

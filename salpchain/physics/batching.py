@@ -112,3 +112,34 @@ def once(tree: Any, never: jax.Array) -> Any:
         return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
 
     return jax.lax.while_loop(lambda carry: carry[0], turn, (never, tree))[1]
+
+
+def redo(
+    flag: jax.Array, old: Any, make: Callable[[jax.Array], Any], chunk: int, axis: int = 0
+) -> Any:
+    """`old` with the flagged chains replaced by those that `make` gives for their indices.
+
+    Works on `chunk` chains at a time, so rare work costs little, and nothing while no flag is set.
+    `axis` is where all arrays have the batch. The other chains stay bit-identical.
+    """
+
+    def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
+        left, tree = carry
+        fresh = make(jnp.nonzero(left, size=chunk, fill_value=0)[0])
+        slot = jnp.cumsum(left) - 1
+        filled = left & (slot < chunk)
+        slot = jnp.clip(slot, 0, chunk - 1)
+        placed = jax.tree.map(lambda x: jnp.take(x, slot, axis=axis), fresh)
+        return left & ~filled, where(filled, placed, tree, axis)
+
+    return jax.lax.while_loop(lambda carry: carry[0].any(), turn, (flag, old))[1]
+
+
+def where(flag: jax.Array, one: Any, other: Any, axis: int = 0) -> Any:
+    """For each chain of the batch, the arrays of `one` where the flag is true, else of `other`."""
+
+    def pick(x: jax.Array, y: jax.Array) -> jax.Array:
+        across = flag.reshape(flag.shape + (1,) * (x.ndim - 1)) if axis == 0 else flag
+        return jnp.where(across, x, y)
+
+    return jax.tree.map(pick, one, other)

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 from numpy import pi
 
+from salpchain.physics import crowd
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.crowd import advance
 from salpchain.physics.engine import Load, Motion, Rig
 
 Scalar = float | Float[Array, ""]  # traced or not
@@ -146,13 +146,24 @@ def step(
     return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links)), chain, moved)
 
 
+def touching(chain: Chain, physics: Physics | None = None) -> Bool[Array, ""]:
+    """Whether the boxes of some two units are closer than the contact gap, or overlap."""
+    return _touching(None, chain, physics or Physics())
+
+
+@over_the_batch
+def _touching(_: None, chain: Chain, physics: Physics) -> Array:
+    rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, None)
+    return crowd.touching(rig, _motion(chain.units, chain.present))
+
+
 @over_the_batch
 def _step(contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any) -> list[Array]:
     """The fields of units and links after `step`, for a batch whose axis is last in every array."""
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
-    moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
+    moved = crowd.advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
     return [*_fields(moved.units), *_fields(moved.links)]
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
@@ -24,15 +24,10 @@ def touching_distance(physics: Any) -> Any:
 
 def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Motion) -> Load:
     """What their partners exert on all units; the shapes are looked at only where some are near."""
-    other = jnp.stack([_at(x, partner) for x in units.position])
-    offset = other - units.position[:, None]
-    near = rig.present & _at(rig.present, partner) & (partner != _own(partner))
-    near &= _square(offset) <= touching_distance(rig.physics) ** 2
+    offset, near = _near(rig, partner, units)
 
     def load() -> Load:
-        turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
-        other_turn = jnp.stack([_at(x, partner) for x in turn])
-        force, torque = _box_against_box(rig.physics, offset, turn[:, None], other_turn)
+        force, torque = _box_against_box(rig.physics, offset, *_turns(partner, units))
         force, torque = jnp.where(near, force, 0.0), jnp.where(near, torque, 0.0)
         return Load(force.sum(axis=1), torque.sum(axis=0))
 
@@ -40,6 +35,31 @@ def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Mot
         return Load(jnp.zeros_like(units.position), jnp.zeros_like(units.angle))
 
     return jax.lax.cond(near.any(), load, nothing)
+
+
+def meet(
+    rig: Any, partner: Int[Array, "partner unit batch"], units: Motion
+) -> Bool[Array, " batch"]:
+    """Chains in which the boxes of a unit and a partner are closer than the gap, or overlap."""
+    offset, near = _near(rig, partner, units)
+    half = (rig.physics.unit_length / 2, rig.physics.unit_width / 2)
+    boxes = (half, offset, *_turns(partner, units))
+    close = (_closest(*boxes)[0] <= rig.physics.contact_gap) | _overlap(*boxes)
+    return (near & close).any(axis=(0, 1))
+
+
+def _near(rig: Any, partner: Array, units: Motion) -> tuple[Array, Array]:
+    """Offsets (m) of the partners, and whether bounding circles meet: VMAS looks no further."""
+    other = jnp.stack([_at(x, partner) for x in units.position])
+    offset = other - units.position[:, None]
+    near = rig.present & _at(rig.present, partner) & (partner != _own(partner))
+    return offset, near & (_square(offset) <= touching_distance(rig.physics) ** 2)
+
+
+def _turns(partner: Array, units: Motion) -> tuple[Array, Array]:
+    """Cosines and sines of the units' angles, and of their partners'."""
+    turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
+    return turn[:, None], jnp.stack([_at(x, partner) for x in turn])
 
 
 def _at(x: Shaped[Array, "unit batch"], partner: Int[Array, "partner unit batch"]) -> Array:

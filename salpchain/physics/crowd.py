@@ -4,13 +4,15 @@ Arrays have the batch last: vectors are (2, unit, batch). The whole batch steps 
 chains in which units may touch are then gathered, chunk by chunk, and stepped again with it.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.physics.contact import contact_load, touching_distance
+from salpchain.physics.batching import redo
+from salpchain.physics.contact import contact_load, meet, touching_distance
 from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
 # How much closer two units may come in one control step, beyond what their speeds bring them
@@ -31,26 +33,16 @@ def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -
     free = run_substeps(rig, units, links, push, None)
     if not contact or units.angle.shape[0] < 2:
         return free
-    return _mend_crowded(rig, units, links, push, free)
-
-
-def _mend_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Moved) -> Moved:
-    """`free`, with the crowded chains stepped again with contact."""
     batch = units.angle.shape[-1]
-    chunk = min(batch, max(8, batch // SHARE))
 
-    def mend(carry: tuple[Array, Moved]) -> tuple[Array, Moved]:
-        left, moved = carry
-        chosen = jnp.nonzero(left, size=chunk, fill_value=0)[0]
-        few = _touching(*_take((rig, units, links, push), chosen, batch))
-        slot = jnp.cumsum(left) - 1
-        done = left & (slot < chunk)
-        back = _take(few, jnp.clip(slot, 0, chunk - 1), chunk)
-        moved = jax.tree.map(lambda new, old: jnp.where(done, new, old), back, moved)
-        return left & ~done, moved
+    def with_contact(chosen: Int[Array, " some"]) -> Moved:
+        return _step_crowded(*_take((rig, units, links, push), chosen, batch))
 
-    start = (crowded(rig, units, free), free)
-    return jax.lax.while_loop(lambda carry: carry[0].any(), mend, start)[1]
+    return redo(crowded(rig, units, free), free, with_contact, _chunk(batch), axis=-1)
+
+
+def _chunk(batch: int) -> int:
+    return min(batch, max(8, batch // SHARE))
 
 
 def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
@@ -60,21 +52,36 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
     )
 
 
-def _touching(rig: Rig, units: Motion, links: Motion, push: Load) -> Moved:
-    num, batch = units.angle.shape
-
+def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load) -> Moved:
     def step_with(partner: Array) -> Moved:
         def load(units: Motion) -> Load:
             return contact_load(rig, partner, units)
 
         return run_substeps(rig, units, links, push, load)
 
+    return _with_partners(rig, units, rig.physics.control_step, step_with)
+
+
+def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
+    """Chains in which some two units exert contact on each other, or cross."""
+    batch = units.angle.shape[-1]
+    place, far = _scattered(rig, units), touching_distance(rig.physics)
+
+    def look(chosen: Int[Array, " some"]) -> Bool[Array, " some"]:
+        few_rig, few = _take((rig, units), chosen, batch)
+        return _with_partners(few_rig, few, 0.0, lambda partner: meet(few_rig, partner, few))
+
+    near = _some_within(place, jnp.broadcast_to(far, batch), 1)
+    return redo(near, jnp.zeros(batch, bool), look, _chunk(batch))
+
+
+def _with_partners(rig: Rig, units: Motion, time: Any, work: Callable[[Array], Any]) -> Any:
+    """What `work` gives for the lists of those units that may touch within some time (s)."""
+    num, batch = units.angle.shape
     if num - 1 <= MOST_PARTNERS:
-        return step_with(_all_partners(num, batch))
-    partner, too_few = _partners_within_reach(rig, units)
-    return jax.lax.cond(
-        too_few, lambda: step_with(_all_partners(num, batch)), lambda: step_with(partner)
-    )
+        return work(_all_partners(num, batch))
+    partner, too_few = _partners_within_reach(rig, units, time)
+    return jax.lax.cond(too_few, lambda: work(_all_partners(num, batch)), lambda: work(partner))
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
@@ -155,23 +162,28 @@ def _far_units_near(
 
     First the bounding circles of blocks of neighbouring units; all pairs only where two come near.
     """
-    num, batch = place.shape[1:]
+    batch = place.shape[-1]
     centre, radius = _blocks(place, present)
     blocks = len(radius)
     near = jnp.zeros(batch, bool)
     for shift in range(2, blocks):
         gap = jnp.sqrt(_square(centre[:, shift:] - centre[:, :-shift]))
         near |= (gap < radius[shift:] + radius[:-shift] + reach).any(axis=0)
+    return jax.lax.cond(near.any(), lambda: _some_within(place, reach, 2), lambda: near)
+
+
+def _some_within(
+    place: Float[Array, "2 unit batch"], reach: Float[Array, " batch"], nearest: int
+) -> Bool[Array, " batch"]:
+    """Chains in which some two units `nearest` slots apart or more are within reach (m)."""
+    num, batch = place.shape[1:]
     twice = jnp.concatenate([place, place], axis=1)
 
     def look(shift: Array, near: Array) -> Array:
         other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
         return near | (_square(other - place) < reach**2).any(axis=0)
 
-    def look_at_all() -> Array:
-        return jax.lax.fori_loop(2, num // 2 + 1, look, jnp.zeros(batch, bool))
-
-    return jax.lax.cond(near.any(), look_at_all, lambda: near)
+    return jax.lax.fori_loop(nearest, num // 2 + 1, look, jnp.zeros(batch, bool))
 
 
 def _blocks(
@@ -201,18 +213,23 @@ def _all_partners(num: int, batch: int) -> Int[Array, "partner unit batch"]:
 
 
 def _partners_within_reach(
-    rig: Rig, units: Motion
+    rig: Rig, units: Motion, time: Any
 ) -> tuple[Int[Array, "partner unit batch"], Bool[Array, ""]]:
-    """For each unit those within reach, itself filling up; and whether some list is too short."""
+    """For each unit those that it may touch within some time (s), itself filling up.
+
+    And whether some list is too short.
+    """
     num = units.angle.shape[0]
     rows = jnp.arange(num)[:, None]
-    place, reach = _scattered(rig, units), _reach(rig, units)
-    twice = jnp.concatenate([place, place], axis=1)
+    state = jnp.concatenate([_scattered(rig, units), units.velocity * time])
+    twice = jnp.concatenate([state, state], axis=1)
+    slack = jnp.where(jnp.asarray(time) > 0, SLACK, 0.0)
 
     def find(shift: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         partner, count = carry
-        other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
-        near = _square(other - place) < reach**2
+        gap = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1) - state
+        reach = touching_distance(rig.physics) + slack + jnp.sqrt(_square(gap[2:]))
+        near = _square(gap) < reach**2
         here = near & (count == jnp.arange(MOST_PARTNERS)[:, None, None])
         return jnp.where(here, (rows + shift) % num, partner), count + near
 

@@ -14,8 +14,8 @@ from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
-from salpchain.evaluation.trials import play, record_swim, run_trials, start_keys, touching
-from salpchain.physics.chain import Physics, at_rest
+from salpchain.evaluation.trials import play, record_swim, run_trials, start_keys
+from salpchain.physics.chain import Physics, at_rest, touching
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -167,7 +167,7 @@ def test_units_touch_where_their_boxes_are_closer_than_the_gap():
     physics, rng = Physics(), np.random.default_rng(0)
     position = rng.uniform(-0.045, 0.045, (400, 2, 2)).astype(np.float32)
     angle = rng.uniform(0, 2 * np.pi, (400, 2)).astype(np.float32)
-    found = jax.vmap(lambda p, a: touching(physics, at_rest(p, a)))(position, angle)
+    found = jax.vmap(lambda p, a: touching(at_rest(p, a), physics))(position, angle)
     gaps = np.array([gap_of_boxes(p, a) for p, a in zip(position, angle, strict=True)])
     apart = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1)
     clear = np.abs(gaps - physics.contact_gap) > 1e-6
@@ -210,4 +210,4 @@ def point_to_side(point, begin, end):
 
 def test_absent_units_touch_nobody():
     chain = at_rest(jnp.zeros((2, 2)), jnp.zeros(2), present=jnp.array([True, False]))
-    assert not bool(touching(Physics(), chain))
+    assert not bool(touching(chain))
