@@ -111,7 +111,7 @@ def once(tree: Any, never: jax.Array) -> Any:
     def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
         return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
 
-    return jax.lax.while_loop(lambda carry: carry[0], turn, (never, tree))[1]
+    return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
 
 
 def redo(

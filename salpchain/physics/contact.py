@@ -1,20 +1,27 @@
 """Contact of units: boxes that repel when closer than a small gap (VMAS 1.5.2).
 
-Arrays have the batch last: vectors are (2, unit, batch). Each unit has a list of partners, others
-that it may touch, and sums what they exert on it.
+Arrays have the batch last: vectors are (2, unit, batch) or (2, pair, batch). Each chain has a list
+of pairs of units that may touch.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from salpchain.physics.batching import once
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
 
-SIGNS = np.array([[1.0, 1.0, -1.0, -1.0], [1.0, -1.0, -1.0, 1.0]])  # of the four corners
+SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corners
+
+
+class Pairs(NamedTuple):
+    """Units that may touch; a pair of a unit with itself fills up a list."""
+
+    first: Int[Array, "pair batch"]
+    second: Int[Array, "pair batch"]
 
 
 def touching_distance(physics: Any) -> Any:
@@ -22,14 +29,19 @@ def touching_distance(physics: Any) -> Any:
     return jnp.sqrt(physics.unit_length**2 + physics.unit_width**2)
 
 
-def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Motion) -> Load:
-    """What their partners exert on all units; the shapes are looked at only where some are near."""
-    offset, near = _near(rig, partner, units)
+def contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
+    """What the units of each pair exert on each other, summed over pairs for every unit.
+
+    Shapes are looked at only where some pair is near.
+    """
+    offset, near = _near(rig, pairs, units)
 
     def load() -> Load:
-        force, torque = _box_against_box(rig.physics, offset, *_turns(partner, units))
-        force, torque = jnp.where(near, force, 0.0), jnp.where(near, torque, 0.0)
-        return Load(force.sum(axis=1), torque.sum(axis=0))
+        boxes = (offset, *_turns(pairs, units))
+        force, first, second = _box_against_box(rig.physics, *boxes, near.sum() < 0)
+        loads = jnp.stack([*force, first]), jnp.stack([*-force, second])
+        total = _sum_for_units(pairs, units.angle, *(jnp.where(near, x, 0.0) for x in loads))
+        return Load(total[:2], total[2])
 
     def nothing() -> Load:
         return Load(jnp.zeros_like(units.position), jnp.zeros_like(units.angle))
@@ -37,54 +49,64 @@ def contact_load(rig: Any, partner: Int[Array, "partner unit batch"], units: Mot
     return jax.lax.cond(near.any(), load, nothing)
 
 
-def meet(
-    rig: Any, partner: Int[Array, "partner unit batch"], units: Motion
-) -> Bool[Array, " batch"]:
-    """Chains in which the boxes of a unit and a partner are closer than the gap, or overlap."""
-    offset, near = _near(rig, partner, units)
+def meet(rig: Any, pairs: Pairs, units: Motion) -> Bool[Array, " batch"]:
+    """Chains in which the boxes of some pair are closer than the gap, or overlap."""
+    offset, near = _near(rig, pairs, units)
     half = (rig.physics.unit_length / 2, rig.physics.unit_width / 2)
-    boxes = (half, offset, *_turns(partner, units))
-    close = (_closest(*boxes)[0] <= rig.physics.contact_gap) | _overlap(*boxes)
-    return (near & close).any(axis=(0, 1))
+    boxes = (half, offset, *_turns(pairs, units))
+    close = (_closest(*boxes, near.sum() < 0)[0] <= rig.physics.contact_gap) | _overlap(*boxes)
+    return (near & close).any(axis=0)
 
 
-def _near(rig: Any, partner: Array, units: Motion) -> tuple[Array, Array]:
-    """Offsets (m) of the partners, and whether bounding circles meet: VMAS looks no further."""
-    other = jnp.stack([_at(x, partner) for x in units.position])
-    offset = other - units.position[:, None]
-    near = rig.present & _at(rig.present, partner) & (partner != _own(partner))
-    return offset, near & (_square(offset) <= touching_distance(rig.physics) ** 2)
+def _near(rig: Any, pairs: Pairs, units: Motion) -> tuple[Array, Array]:
+    """Offsets (m) from first to second, and whether bounding circles meet, as VMAS has it."""
+    offset = jnp.stack([_at(x, pairs.second) - _at(x, pairs.first) for x in units.position])
+    alive = _at(rig.present, pairs.first) & _at(rig.present, pairs.second)
+    near = _square(offset) <= touching_distance(rig.physics) ** 2
+    return offset, near & alive & (pairs.first != pairs.second)
 
 
-def _turns(partner: Array, units: Motion) -> tuple[Array, Array]:
-    """Cosines and sines of the units' angles, and of their partners'."""
-    turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
-    return turn[:, None], jnp.stack([_at(x, partner) for x in turn])
+def _turns(pairs: Pairs, units: Motion) -> tuple[Array, ...]:
+    """Cosines and sines of the angles of the first units, and of the second."""
+    turn = jnp.cos(units.angle), jnp.sin(units.angle)
+    return tuple(jnp.stack([_at(x, index) for x in turn]) for index in pairs)
 
 
-def _at(x: Shaped[Array, "unit batch"], partner: Int[Array, "partner unit batch"]) -> Array:
-    return jax.vmap(lambda p: jnp.take_along_axis(x, p, axis=0))(partner)
+def _at(x: Shaped[Array, "unit batch"], index: Int[Array, "pair batch"]) -> Array:
+    return jnp.take_along_axis(x, index, axis=0)
 
 
-def _own(partner: Int[Array, "partner unit batch"]) -> Array:
-    return jnp.arange(partner.shape[1])[:, None]
+def _sum_for_units(
+    pairs: Pairs, like: Array, first: Array, second: Array
+) -> Float[Array, "3 unit batch"]:
+    """For each unit, the sum of what its pairs give it, (3, pair, batch) to either unit."""
+    num, batch = like.shape
+    unit = jnp.concatenate(pairs)
+    given = jnp.moveaxis(jnp.concatenate([first, second], axis=1), 0, -1)
+    total = jnp.zeros((num, batch, 3)).at[unit, jnp.arange(batch)].add(given)
+    return jnp.moveaxis(total, -1, 0)
 
 
 def _box_against_box(
-    physics: Any, offset: Array, turn: Array, other_turn: Array
-) -> tuple[Float[Array, "2 partner unit batch"], Float[Array, "partner unit batch"]]:
-    """Force (N) and torque (N m) on a box at the origin, by a box of the same size at `offset`.
+    physics: Any, offset: Array, turn: Array, other_turn: Array, never: Any = False
+) -> tuple[Float[Array, "2 pair batch"], Float[Array, "pair batch"], Float[Array, "pair batch"]]:
+    """Force (N) on a box at the origin by a box of the same size at `offset`, and torques (N m).
 
-    The closest points of two separate convex polygons are a corner of one and a point of the
-    other. Boxes whose sides cross exert nothing on each other: VMAS finds the same point twice.
+    The other box feels the opposite force. The torques are that on the first box and that on the
+    second. The closest points of two separate convex polygons are a corner of one and a point of
+    the other. Boxes whose sides cross exert nothing on each other: VMAS finds the same point twice.
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
-    best = _closest(half, offset, turn, other_turn)
-    gap, here, normal = best
+    gap, here, normal = _closest(half, offset, turn, other_turn, never)
     size = physics.contact_stiffness * physics.softness * _soft_depth(physics, gap)
     acts = (gap <= physics.contact_gap) & ~_overlap(half, offset, turn, other_turn)
     force = jnp.where(acts, size, 0.0) * normal
-    return force, here[0] * force[1] - here[1] * force[0]
+    there = here - gap * normal - offset
+    return force, _cross(here, force), -_cross(there, force)
+
+
+def _cross(one: Array, other: Array) -> Array:
+    return one[0] * other[1] - one[1] * other[0]
 
 
 def _soft_depth(physics: Any, gap: Array) -> Array:
@@ -92,27 +114,47 @@ def _soft_depth(physics: Any, gap: Array) -> Array:
 
 
 def _closest(
-    half: Any, offset: Array, turn: Array, other_turn: Array
+    half: Any, offset: Array, turn: Array, other_turn: Array, never: Any
 ) -> tuple[Array, Array, Array]:
     """Gap, point on the box at the origin, and the unit vector from the other's point to it.
 
     Each corner of either box is paired with the nearest point of the other; the closest pair of
-    the eight counts. Candidates are a new axis behind the coordinates.
+    the eight counts. Which one that is, is found first: with all eight at hand a CPU would work
+    each out anew for every number that is needed of the closest.
     """
-    corner = jnp.stack([half[i] * SIGNS[i].reshape(4, 1, 1, 1) for i in (0, 1)])
-    offset, turn, other_turn = (x[:, None] for x in (offset, turn, other_turn))
-    theirs = offset + _to_world(corner, other_turn)
-    mine = jnp.broadcast_to(_to_world(corner, turn), theirs.shape)
-    on_theirs = offset + _to_world(_clamp(half, _to_box(mine - offset, other_turn)), other_turn)
-    on_mine = _to_world(_clamp(half, _to_box(theirs, turn)), turn)
-    here = jnp.concatenate([mine, on_mine], axis=1)
-    between = here - jnp.concatenate([on_theirs, theirs], axis=1)
-    square = _square(between)
-    least = square.min(axis=0)
-    pick = (square == least) & (jnp.cumsum(square == least, axis=0) == 1)
-    here, between = (jnp.where(pick, x, 0.0).sum(axis=1) for x in (here, between))
-    gap = jnp.sqrt(least)
+    place = (half, offset, turn, other_turn)
+    squares = [_square(_corner_pair(*place, k // 4 == 0, *SIGNS[k % 4])[1]) for k in range(8)]
+    least, which = squares[0], jnp.zeros(squares[0].shape, jnp.int32)
+    for k, square in enumerate(squares[1:], 1):
+        which, least = jnp.where(square < least, k, which), jnp.minimum(square, least)
+    which = once(which, never)
+    corner = which % 4
+    signs = jnp.where(corner < 2, 1.0, -1.0), jnp.where(corner % 3 == 0, 1.0, -1.0)
+    (own, own_between), (far, far_between) = (
+        _corner_pair(*place, mine, *signs) for mine in (True, False)
+    )
+    here, between = once(
+        (jnp.where(which < 4, own, far), jnp.where(which < 4, own_between, far_between)), never
+    )
+    gap = jnp.sqrt(_square(between))
     return gap, here, between / jnp.maximum(gap, 1e-9)
+
+
+def _corner_pair(
+    half: Any, offset: Array, turn: Array, other_turn: Array, mine: bool, along: Any, across: Any
+) -> tuple[Array, Array]:
+    """A corner, of the box at the origin or of the other, and the nearest point of the other box.
+
+    Given as the point on the box at the origin and the vector to it from the point on the other.
+    """
+    corner = (half[0] * along, half[1] * across)
+    if mine:
+        here = _to_world(corner, turn)
+        there = offset + _to_world(_clamp(half, _to_box(here - offset, other_turn)), other_turn)
+    else:
+        there = offset + _to_world(corner, other_turn)
+        here = _to_world(_clamp(half, _to_box(there, turn)), turn)
+    return here, here - there
 
 
 def _square(vector: Array) -> Array:

@@ -5,14 +5,16 @@ chains in which units may touch are then gathered, chunk by chunk, and stepped a
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo
-from salpchain.physics.contact import contact_load, meet, touching_distance
+from salpchain.physics.contact import Pairs, contact_load, meet, touching_distance
 from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
 # How much closer two units may come in one control step, beyond what their speeds bring them
@@ -22,7 +24,7 @@ SLACK = 0.02  # m
 # beyond its value before and after (chosen; the same test).
 TURN_SLACK = 0.003  # m
 
-MOST_PARTNERS = 8  # units that one unit may touch, before all pairs are looked at (chosen)
+PAIRS, MORE_PAIRS = 2, 8  # for each unit, in a short and a long list of pairs (chosen)
 SHARE = 16  # a chunk of crowded chains is this part of the batch (chosen)
 AWAY = 1e4  # m, where slots are put that nothing may touch (chosen)
 BLOCK = 8  # neighbouring units in one bounding circle (chosen)
@@ -53,13 +55,13 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
 
 
 def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load) -> Moved:
-    def step_with(partner: Array) -> Moved:
+    def step_with(pairs: Pairs) -> Moved:
         def load(units: Motion) -> Load:
-            return contact_load(rig, partner, units)
+            return contact_load(rig, pairs, units)
 
         return run_substeps(rig, units, links, push, load)
 
-    return _with_partners(rig, units, rig.physics.control_step, step_with)
+    return _with_pairs(rig, units, rig.physics.control_step, step_with)
 
 
 def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
@@ -69,19 +71,31 @@ def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
 
     def look(chosen: Int[Array, " some"]) -> Bool[Array, " some"]:
         few_rig, few = _take((rig, units), chosen, batch)
-        return _with_partners(few_rig, few, 0.0, lambda partner: meet(few_rig, partner, few))
+        return _with_pairs(few_rig, few, 0.0, lambda pairs: meet(few_rig, pairs, few))
 
     near = _some_within(place, jnp.broadcast_to(far, batch), 1)
     return redo(near, jnp.zeros(batch, bool), look, _chunk(batch))
 
 
-def _with_partners(rig: Rig, units: Motion, time: Any, work: Callable[[Array], Any]) -> Any:
-    """What `work` gives for the lists of those units that may touch within some time (s)."""
-    num, batch = units.angle.shape
-    if num - 1 <= MOST_PARTNERS:
-        return work(_all_partners(num, batch))
-    partner, too_few = _partners_within_reach(rig, units, time)
-    return jax.lax.cond(too_few, lambda: work(_all_partners(num, batch)), lambda: work(partner))
+def _with_pairs(rig: Rig, units: Motion, time: Any, work: Callable[[Pairs], Any]) -> Any:
+    """What `work` gives for the pairs of units that may touch within some time (s).
+
+    It is compiled for short lists, and for longer ones, of which the shortest that has room for
+    the pairs of every chain is used.
+    """
+    num = units.angle.shape[0]
+    most = num * (num - 1) // 2
+    sizes = [size for size in (PAIRS * num, MORE_PAIRS * num) if 2 * size <= most]
+    if not sizes:
+        return work(_all_pairs(units))
+    near = _near_pairs(rig, units, time)
+    count = near.sum(axis=0).max()
+
+    def with_list(size: int) -> Any:
+        return work(_listed(near, num, size))
+
+    branches = [*(partial(with_list, size) for size in sizes), lambda: work(_all_pairs(units))]
+    return jax.lax.switch(sum(count > size for size in sizes), branches)
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
@@ -206,34 +220,40 @@ def _square(vector: Array) -> Array:
     return vector[0] ** 2 + vector[1] ** 2
 
 
-def _all_partners(num: int, batch: int) -> Int[Array, "partner unit batch"]:
-    """Every other unit, for each unit."""
-    lists = (jnp.arange(num) + jnp.arange(1, num)[:, None]) % num
-    return jnp.broadcast_to(lists[..., None], (num - 1, num, batch))
+def _all_pairs(units: Motion) -> Pairs:
+    """Every two units of each chain."""
+    num, batch = units.angle.shape
+    index = np.stack(np.triu_indices(num, 1)).astype(np.int32)
+    first, second = jnp.broadcast_to(index[..., None], (*index.shape, batch))
+    return Pairs(first, second)
 
 
-def _partners_within_reach(
-    rig: Rig, units: Motion, time: Any
-) -> tuple[Int[Array, "partner unit batch"], Bool[Array, ""]]:
-    """For each unit those that it may touch within some time (s), itself filling up.
+def _near_pairs(rig: Rig, units: Motion, time: Any) -> Bool[Array, "pair batch"]:
+    """For every two units (in order of slots apart, counted round) whether they may touch in time.
 
-    And whether some list is too short.
+    Neighbours that a link joins always count: contact elsewhere may press them together.
     """
-    num = units.angle.shape[0]
-    rows = jnp.arange(num)[:, None]
+    num, batch = units.angle.shape
     state = jnp.concatenate([_scattered(rig, units), units.velocity * time])
     twice = jnp.concatenate([state, state], axis=1)
     slack = jnp.where(jnp.asarray(time) > 0, SLACK, 0.0)
 
-    def find(shift: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        partner, count = carry
+    def near(shift: Array) -> Array:
         gap = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1) - state
         reach = touching_distance(rig.physics) + slack + jnp.sqrt(_square(gap[2:]))
-        near = _square(gap) < reach**2
-        here = near & (count == jnp.arange(MOST_PARTNERS)[:, None, None])
-        return jnp.where(here, (rows + shift) % num, partner), count + near
+        once = (2 * shift < num) | (jnp.arange(num) < num // 2)  # the far side comes twice
+        return (_square(gap) < reach**2) & once[:, None]
 
-    nobody = jnp.broadcast_to(rows, (MOST_PARTNERS, *units.angle.shape)).astype(jnp.int32)
-    start = (nobody, jnp.zeros(units.angle.shape, jnp.int32))
-    partner, count = jax.lax.fori_loop(1, num, find, start)
-    return partner, (count > MOST_PARTNERS).any()
+    return jax.lax.map(near, jnp.arange(1, num // 2 + 1)).reshape(-1, batch)
+
+
+def _listed(near: Bool[Array, "pair batch"], num: int, size: int) -> Pairs:
+    """The near pairs of each chain as a list, the lower slot first."""
+
+    def pick(near: Array) -> Array:
+        return jnp.nonzero(near, size=size, fill_value=-1)[0]
+
+    chosen = jax.vmap(pick, in_axes=1, out_axes=1)(near)
+    one = jnp.where(chosen < 0, 0, chosen % num)
+    other = jnp.where(chosen < 0, 0, (one + chosen // num + 1) % num)
+    return Pairs(jnp.minimum(one, other), jnp.maximum(one, other))

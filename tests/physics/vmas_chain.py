@@ -74,13 +74,13 @@ class VmasChains:
         return forces
 
     def box_on_box(self):
-        """Contact force (2, batch) N and torque (batch,) N m on the first unit, by the second."""
+        """Contact force (2, batch) N on the first of two, torques (batch,) N m on both."""
         world, units = self.world, self.units[:2]
         world.forces_dict = {unit: torch.zeros_like(unit.state.pos) for unit in units}
         world.torques_dict = {unit: torch.zeros_like(unit.state.rot) for unit in units}
         world._box_box_vectorized_collision([tuple(units)])
-        force, torque = world.forces_dict[units[0]], world.torques_dict[units[0]]
-        return force.numpy().T, torque.numpy()[:, 0]
+        torques = (world.torques_dict[unit].numpy()[:, 0] for unit in units)
+        return world.forces_dict[units[0]].numpy().T, *torques
 
     @property
     def position(self):
