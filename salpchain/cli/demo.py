@@ -32,8 +32,8 @@ class Demo:
     """Chain-steps of training. Default: the preset's."""
     lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "4:64:4"
     """Lengths to test."""
-    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "50"
-    """Episodes of each length."""
+    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "20"
+    """Episodes of each length; few, so that the demo takes minutes."""
 
 
 def run(options: Demo) -> int:
@@ -78,12 +78,12 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
 
 def _draw(folder: Path) -> None:
     from salpchain.control.storage import load
-    from salpchain.evaluation.trials import record_swim
+    from salpchain.evaluation.trials import record_swims
     from salpchain.report import figures, picture
 
     figures.learning_curves([folder / "run"], folder / "learning.png")
     figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
     policy = load(folder / "run")
-    swims: list[Any] = [record_swim(policy, n, "scaled", SHOWN_SEED, 0) for n in SWIM_LENGTHS]
+    swims: list[Any] = record_swims(policy, SWIM_LENGTHS, "scaled", SHOWN_SEED)
     picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")

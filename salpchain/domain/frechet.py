@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.physics.batching import anywhere
+from salpchain.physics.batching import over_the_batch, redo
+
+AT_ONCE = 4  # chains whose tables are filled together (chosen)
 
 
 def frechet_distance(
@@ -52,16 +54,24 @@ def within_frechet(
     """Whether `frechet_distance` is at most `limit` (m), at little cost when that is plain to see.
 
     The distance between the two first and the two last points is a lower bound, the largest
-    distance between points of the same index an upper one. The table is filled only when some
-    chain of the batch lies between the two.
+    distance between points of the same index an upper one. The table is filled only for the
+    chains of a batch that lie between the two.
     """
-    apart = _distance(one, other)
-    counts = jnp.arange(one.shape[0]) < length
-    ends = jnp.maximum(apart[0], apart[jnp.asarray(length - 1)])
-    possible = ends <= limit
-    certain = jnp.max(jnp.where(counts, apart, 0.0)) <= limit
-    return jax.lax.cond(
-        anywhere(possible & ~certain),
-        lambda: frechet_distance(one, other, length) <= limit,
-        lambda: certain,
-    )
+    return _within(limit, one, other, jnp.asarray(length))
+
+
+@over_the_batch
+def _within(limit: float, one: Array, other: Array, length: Array) -> Array:
+    points, _, batch = one.shape
+    length = jnp.broadcast_to(length, (batch,))
+    apart = jnp.sqrt(jnp.sum((one - other) ** 2, axis=1))
+    ends = jnp.maximum(apart[0], jnp.take_along_axis(apart, length[None] - 1, axis=0)[0])
+    counts = jnp.arange(points)[:, None] < length
+    certain = jnp.max(jnp.where(counts, apart, 0.0), axis=0) <= limit
+
+    def look(chosen: Array) -> Array:
+        parts = (one[..., chosen], other[..., chosen], length[chosen])
+        return jax.vmap(frechet_distance, in_axes=(-1, -1, 0))(*parts) <= limit
+
+    doubtful = (ends <= limit) & ~certain
+    return redo(doubtful, certain, look, min(batch, AT_ONCE))

@@ -13,12 +13,12 @@ from salpchain.physics.chain import Chain, Physics, Scalar
 MOST_THRUST = 1.0  # N, of a unit (DESIGN section 2)
 
 
-def acceleration(physics: Physics, length: int) -> Scalar:
+def acceleration(physics: Physics, length: int | Array) -> Scalar:
     """Largest acceleration (m/s2) of a chain's centre of mass: all units thrust one way."""
     return length * MOST_THRUST / _mass(physics, length)
 
 
-def top_speed(physics: Physics, length: int) -> Scalar:
+def top_speed(physics: Physics, length: int | Array) -> Scalar:
     """Speed (m/s) of the centre of mass that no chain exceeds: that at the end of a control step.
 
     v = (1 - drag) v + a T in the steady state, a the acceleration and T the control step.
@@ -29,13 +29,13 @@ def top_speed(physics: Physics, length: int) -> Scalar:
     return acceleration(physics, length) * physics.control_step / physics.drag
 
 
-def cruising_speed(physics: Physics, length: int) -> Scalar:
+def cruising_speed(physics: Physics, length: int | Array) -> Scalar:
     """Mean speed (m/s) over a control step in the steady state of full thrust."""
     gain = acceleration(physics, length) * physics.control_step
     return (1 - physics.drag) * top_speed(physics, length) + gain * _mean_of_ramp(physics)
 
 
-def distance_covered(physics: Physics, length: int, steps: int) -> Scalar:
+def distance_covered(physics: Physics, length: int | Array, steps: int | Array) -> Scalar:
     """Farthest (m) that the centre of mass gets from rest in so many control steps.
 
     In step j the velocity starts from (1 - drag) v and grows by a dt in each of S substeps, so
@@ -48,7 +48,7 @@ def distance_covered(physics: Physics, length: int, steps: int) -> Scalar:
     return step * (glide + steps * gain * _mean_of_ramp(physics))
 
 
-def centroid_slack(physics: Physics, length: int) -> Scalar:
+def centroid_slack(physics: Physics, length: int | Array) -> Scalar:
     """How far (m) the units' centroid may be from the centre of mass of units and links.
 
     The end units have one link instead of two, so the centre of mass keeps away from the point
@@ -63,35 +63,42 @@ def centroid_slack(physics: Physics, length: int) -> Scalar:
 
 
 def least_distance(
-    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int | Array
 ) -> Float[Array, ""]:
     """Smallest mean distance (m) to its target points that the chain, at rest, can come to.
 
     The mean of distances is at least the distance of the means, and the mean of the units moves
-    with the centre of mass. For a whole chain: every slot a unit, every link joined.
+    with the centre of mass. For a whole chain: every link between present units is joined.
     """
-    length = chain.present.shape[0]
-    apart = jnp.linalg.norm(target.mean(axis=0) - centre_of_mass(physics, chain))
+    length = chain.present.sum()
+    apart = jnp.linalg.norm(_mean(chain, target) - centre_of_mass(physics, chain))
     reach = distance_covered(physics, length, steps) + centroid_slack(physics, length)
     return jnp.maximum(apart - reach, 0.0)
 
 
 def reachable(
-    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int | Array
 ) -> Float[Array, ""]:
     """Largest closed fraction that any controller can have so many control steps after rest."""
-    distance = jnp.linalg.norm(target - chain.units.position, axis=-1).mean()
+    each = jnp.linalg.norm(target - chain.units.position, axis=-1)
+    distance = jnp.where(chain.present, each, 0.0).sum() / chain.present.sum()
     return 1.0 - least_distance(physics, chain, target, steps) / distance
 
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
     """Of all units and links (m)."""
-    units = physics.unit_mass * chain.units.position.sum(axis=0)
-    links = physics.link_mass * chain.links.position.sum(axis=0)
-    return (units + links) / _mass(physics, chain.present.shape[0])
+    present, joined = chain.present[:, None], chain.joined[:, None]
+    units = physics.unit_mass * jnp.where(present, chain.units.position, 0.0).sum(axis=0)
+    links = physics.link_mass * jnp.where(joined, chain.links.position, 0.0).sum(axis=0)
+    return (units + links) / _mass(physics, chain.present.sum())
 
 
-def _mass(physics: Physics, length: int) -> Scalar:
+def _mean(chain: Chain, points: Float[Array, "unit 2"]) -> Float[Array, "2"]:
+    """Mean over the present units."""
+    return jnp.where(chain.present[:, None], points, 0.0).sum(axis=0) / chain.present.sum()
+
+
+def _mass(physics: Physics, length: int | Array) -> Scalar:
     return length * physics.unit_mass + (length - 1) * physics.link_mass
 
 
@@ -100,7 +107,7 @@ def _mean_of_ramp(physics: Physics) -> float:
     return (physics.substeps + 1) / (2 * physics.substeps)
 
 
-def _sum_of_sums(keep: Scalar, count: int) -> Scalar:
+def _sum_of_sums(keep: Scalar, count: int | Array) -> Scalar:
     """Sum over j < count of the sum over i < j of keep^i."""
     if keep == 1:
         return count * (count - 1) / 2

@@ -1,6 +1,6 @@
 """Trials: one episode each, from starts that are the same for every controller."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
+from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller
-from salpchain.domain.config import TaskConfig, step_limit
+from salpchain.domain.config import LONGEST, TaskConfig, check_length, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
@@ -22,6 +23,7 @@ from salpchain.physics.batching import where
 from salpchain.physics.chain import Chain, touching
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
+SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
 REPORTS = 16  # times that progress is reported in a batch (chosen)
 
@@ -74,22 +76,28 @@ def run_trials(
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
     env = _domain(controller, length, time_limit)
+    limit = step_limit(time_limit, length)
     blocks = -(-trials * length // UNITS_AT_ONCE)
     size = -(-trials // blocks)
     ended = []
     for block in range(blocks):
         numbers = jnp.arange(block * size, (block + 1) * size)
         share = partial(_share, progress, block, blocks)
-        ended.append(_measures(env, _play_out(env, controller, _begin(env, seed, numbers), share)))
+        begun = _begin(env, length, seed, numbers)
+        ended.append(_measures(env, _play_out(env, controller, begun, limit, share)))
     values = {name: np.concatenate([m[name] for m in ended])[:trials] for name in ended[0]}
     about = {"policy": controller.card.name, "length": length, "trial": np.arange(trials)}
     return pd.DataFrame({**about, "seed": seed, "time_limit": time_limit, **values})
 
 
 def _domain(controller: Controller, length: int, time_limit: str) -> SCLD:
+    """The domain with as many slots as the length needs, few different numbers in all."""
     card = controller.card
-    card.check_serves(length)
-    return SCLD(TaskConfig(length, card.observation, card.action, time_limit))
+    card.check_serves(check_length(length))
+    slots = next(slots for slots in SLOTS if slots >= length)
+    if card.control.model in SINGLE_LENGTH:
+        slots = length
+    return SCLD(TaskConfig(slots, card.observation, card.action, time_limit))
 
 
 def _share(progress: Progress | None, block: int, blocks: int, share: float) -> None:
@@ -103,35 +111,32 @@ def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Arra
     return jax.vmap(lambda trial: jr.fold_in(root, trial))(trials)
 
 
-def _begin(env: SCLD, seed: int, numbers: Int[Array, " trial"]) -> Trial:
-    return _begin_all(env, start_keys(seed, env.config.length, numbers))
+def _begin(env: SCLD, length: int, seed: int, numbers: Int[Array, " trial"]) -> Trial:
+    return _begin_all(env, jnp.int32(length), start_keys(seed, length, numbers))
 
 
 @eqx.filter_jit
-def _begin_all(env: SCLD, keys: Key[Array, " trial"]) -> Trial:
-    return jax.vmap(partial(_begin_one, env))(keys)
+def _begin_all(env: SCLD, length: Int[Array, ""], keys: Key[Array, " trial"]) -> Trial:
+    return jax.vmap(partial(_begin_one, env, length))(keys)
 
 
-def _begin_one(env: SCLD, key: PRNGKeyArray) -> Trial:
-    state = env.reset(key)
+def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
+    state = env.reset(key, length)
     zero = jnp.float32(0)
     return Trial(
         state=state,
         origin=_centroid(state.chain),
-        reachable=reachable(env.physics, state.chain, state.target, _limit(env)),
+        reachable=reachable(env.physics, state.chain, state.target, env.step_limit(length)),
         effort=zero,
         path=zero,
         contact_steps=jnp.int32(0),
     )
 
 
-def _limit(env: SCLD) -> int:
-    return step_limit(env.config.time_limit, env.config.length)
-
-
-def _play_out(env: SCLD, controller: Controller, trials: Trial, progress: Progress) -> Trial:
+def _play_out(
+    env: SCLD, controller: Controller, trials: Trial, limit: int, progress: Progress
+) -> Trial:
     """All trials at their ends."""
-    limit = _limit(env)
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
         trials = play(env, controller, trials, jnp.int32(until))
@@ -165,14 +170,15 @@ def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
         state=state,
         origin=trial.origin,
         reachable=trial.reachable,
-        effort=trial.effort + jnp.abs(state.thrust).mean() * dt,
+        effort=trial.effort + jnp.abs(state.thrust).sum() / state.length * dt,
         path=trial.path + jnp.linalg.norm(moved),
         contact_steps=trial.contact_steps + touching(state.chain, env.physics),
     )
 
 
 def _centroid(chain: Chain) -> Float[Array, "2"]:
-    return chain.units.position.mean(axis=0)
+    present = chain.present[:, None]
+    return jnp.where(present, chain.units.position, 0.0).sum(axis=0) / present.sum()
 
 
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
@@ -197,42 +203,58 @@ def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
     }
 
 
-def record_swim(
-    controller: Controller, length: int, time_limit: str, seed: int, trial: int = 0
-) -> Swim:
-    """One trial, the same start as in `run_trials`, with its positions at every control step.
+def record_swims(
+    controller: Controller, lengths: Sequence[int], time_limit: str, seed: int, trial: int = 0
+) -> list[Swim]:
+    """One trial of each length, with the positions at every control step.
 
-    It may end differently where the swim is chaotic: batches of other sizes round differently.
+    The starts are those of `run_trials`. A swim may end differently where it is chaotic: batches
+    of other sizes round differently.
+
+    Raises:
+        InputError: an impossible length or time limit, or a length that the controller cannot
+            serve.
     """
-    env = _domain(controller, length, time_limit)
-    begun = _begin(env, seed, jnp.array([trial]))
-    state, positions, angles = _record(env, controller, jax.tree.map(lambda x: x[0], begun.state))
-    end = int(state.time) + 1
-    return Swim(
-        length=length,
-        positions=np.asarray(positions[:end]),
-        angles=np.asarray(angles[:end]),
-        target=np.asarray(state.target),
-        dt=float(env.physics.control_step),
-        success=bool(state.goal),
-    )
+    for length in lengths:
+        controller.card.check_serves(check_length(length))
+    env = _domain(controller, max(lengths), time_limit)
+    keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
+    begun = jax.vmap(env.reset)(jnp.concatenate(keys), jnp.array(lengths))
+    states, positions, angles = _record(env, controller, begun)
+    ends = np.asarray(states.time) + 1
+    return [
+        Swim(
+            length=length,
+            positions=np.asarray(positions[: ends[i], i, :length]),
+            angles=np.asarray(angles[: ends[i], i, :length]),
+            target=np.asarray(states.target[i, :length]),
+            dt=float(env.physics.control_step),
+            success=bool(states.goal[i]),
+        )
+        for i, length in enumerate(lengths)
+    ]
 
 
 @eqx.filter_jit
-def _record(env: SCLD, controller: Controller, state: State) -> tuple[State, Array, Array]:
-    """The state at the end of its episode, and positions and angles at every time until then."""
+def _record(env: SCLD, controller: Controller, states: State) -> tuple[State, Array, Array]:
+    """The states (batch first) when all have ended, positions and angles (time first) until then.
 
-    def keep(log: tuple[Array, Array], state: State) -> tuple[Array, Array]:
-        units, time = state.chain.units, state.time
-        return log[0].at[time].set(units.position), log[1].at[time].set(units.angle)
+    A chain stays as it is once its episode has ended.
+    """
+    act, step = jax.vmap(controller.act), jax.vmap(env.step)
+
+    def keep(log: tuple[Array, Array], now: Array, states: State) -> tuple[Array, Array]:
+        units = states.chain.units
+        return log[0].at[now].set(units.position), log[1].at[now].set(units.angle)
 
     def advance(carry: Any) -> Any:
-        state, log = carry
-        state = env.step(state, controller.act(state))
-        return state, keep(log, state)
+        states, now, log = carry
+        states = where(states.done, states, step(states, act(states)))
+        return states, now + 1, keep(log, now + 1, states)
 
-    times = _limit(env) + 1
-    log = jnp.zeros((times, env.config.length, 2)), jnp.zeros((times, env.config.length))
-    start = (state, keep(log, state))
-    state, log = jax.lax.while_loop(lambda carry: ~carry[0].done, advance, start)
-    return state, *log
+    batch, slots = states.thrust.shape
+    times = step_limit(env.config.time_limit, slots) + 1
+    log = jnp.zeros((times, batch, slots, 2)), jnp.zeros((times, batch, slots))
+    start = (states, jnp.int32(0), keep(log, jnp.int32(0), states))
+    states, _, log = jax.lax.while_loop(lambda carry: ~carry[0].done.all(), advance, start)
+    return states, *log

@@ -86,22 +86,7 @@ def _merge(size: int, inner: int, leaf: Any, batched: bool) -> Any:
     return leaf.reshape(size * inner, *leaf.shape[2:]) if jnp.ndim(leaf) else leaf
 
 
-@custom_vmap
-def anywhere(flag: jax.Array) -> jax.Array:
-    """Whether the flag is true for any chain of the batch: one answer for all.
-
-    A `jax.lax.cond` on it stays a branch under `jax.vmap`, so rare work is done only when some
-    chain needs it.
-    """
-    return flag
-
-
-@anywhere.def_vmap
-def _(size: int, batched: Any, flag: jax.Array) -> Any:
-    return anywhere(jnp.any(flag, axis=0)), False
-
-
-def once(tree: Any, never: jax.Array) -> Any:
+def once(tree: Any, never: jax.Array | bool) -> Any:
     """The same arrays, computed once and kept, though many operations read them.
 
     XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that

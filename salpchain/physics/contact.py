@@ -66,10 +66,11 @@ def _near(rig: Any, pairs: Pairs, units: Motion) -> tuple[Array, Array]:
     return offset, near & alive & (pairs.first != pairs.second)
 
 
-def _turns(pairs: Pairs, units: Motion) -> tuple[Array, ...]:
+def _turns(pairs: Pairs, units: Motion) -> tuple[Array, Array]:
     """Cosines and sines of the angles of the first units, and of the second."""
     turn = jnp.cos(units.angle), jnp.sin(units.angle)
-    return tuple(jnp.stack([_at(x, index) for x in turn]) for index in pairs)
+    first, second = (jnp.stack([_at(x, index) for x in turn]) for index in pairs)
+    return first, second
 
 
 def _at(x: Shaped[Array, "unit batch"], index: Int[Array, "pair batch"]) -> Array:

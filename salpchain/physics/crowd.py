@@ -20,11 +20,14 @@ from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 # How much closer two units may come in one control step, beyond what their speeds bring them
 # (chosen; a test compares with all pairs): full thrust moves a free unit by 1 cm.
 SLACK = 0.02  # m
+# How much farther contact elsewhere in the chain may press two neighbours together (chosen; the
+# same test).
+PRESSED = 0.012  # m
 # What turning within a control step may add to the reach of two neighbours towards each other,
 # beyond its value before and after (chosen; the same test).
 TURN_SLACK = 0.003  # m
 
-PAIRS, MORE_PAIRS = 2, 8  # for each unit, in a short and a long list of pairs (chosen)
+PAIRS = 2  # for each unit, in a list of pairs; a short list has half a pair for each (chosen)
 SHARE = 16  # a chunk of crowded chains is this part of the batch (chosen)
 AWAY = 1e4  # m, where slots are put that nothing may touch (chosen)
 BLOCK = 8  # neighbouring units in one bounding circle (chosen)
@@ -38,7 +41,7 @@ def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -
     batch = units.angle.shape[-1]
 
     def with_contact(chosen: Int[Array, " some"]) -> Moved:
-        return _step_crowded(*_take((rig, units, links, push), chosen, batch))
+        return _step_crowded(*_take((rig, units, links, push, free), chosen, batch))
 
     return redo(crowded(rig, units, free), free, with_contact, _chunk(batch), axis=-1)
 
@@ -54,14 +57,15 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
     )
 
 
-def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load) -> Moved:
+def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Moved) -> Moved:
     def step_with(pairs: Pairs) -> Moved:
         def load(units: Motion) -> Load:
             return contact_load(rig, pairs, units)
 
         return run_substeps(rig, units, links, push, load)
 
-    return _with_pairs(rig, units, rig.physics.control_step, step_with)
+    apart = rig.joined & ~_held_near(rig, units, free, PRESSED)
+    return _with_pairs(rig, units, rig.physics.control_step, apart, step_with)
 
 
 def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
@@ -71,24 +75,33 @@ def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
 
     def look(chosen: Int[Array, " some"]) -> Bool[Array, " some"]:
         few_rig, few = _take((rig, units), chosen, batch)
-        return _with_pairs(few_rig, few, 0.0, lambda pairs: meet(few_rig, pairs, few))
+        apart = jnp.zeros_like(few_rig.joined)
+        return _with_pairs(few_rig, few, 0.0, apart, lambda pairs: meet(few_rig, pairs, few))
 
     near = _some_within(place, jnp.broadcast_to(far, batch), 1)
     return redo(near, jnp.zeros(batch, bool), look, _chunk(batch))
 
 
-def _with_pairs(rig: Rig, units: Motion, time: Any, work: Callable[[Pairs], Any]) -> Any:
+def _with_pairs(
+    rig: Rig,
+    units: Motion,
+    time: Any,
+    apart: Bool[Array, "link batch"],
+    work: Callable[[Pairs], Any],
+) -> Any:
     """What `work` gives for the pairs of units that may touch within some time (s).
+
+    Two neighbours that are known to stay `apart` are left out.
 
     It is compiled for short lists, and for longer ones, of which the shortest that has room for
     the pairs of every chain is used.
     """
     num = units.angle.shape[0]
     most = num * (num - 1) // 2
-    sizes = [size for size in (PAIRS * num, MORE_PAIRS * num) if 2 * size <= most]
+    sizes = [size for size in (num // 2, PAIRS * num) if 2 * size <= most]
     if not sizes:
         return work(_all_pairs(units))
-    near = _near_pairs(rig, units, time)
+    near = _near_pairs(rig, units, time, apart)
     count = near.sum(axis=0).max()
 
     def with_list(size: int) -> Any:
@@ -102,7 +115,7 @@ def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
     """Chains in which some pair of units may touch in this control step."""
     num = units.angle.shape[0]
     place, reach = _scattered(rig, units), _reach(rig, units)
-    near = _held_touch(rig, units, free)
+    near = _neighbours_near(rig, units, free)
     if num <= 4 * BLOCK:
         return near | (_least_square(place, rig.joined, num // 2) < reach**2)
     near |= _least_square(place, rig.joined, 2 * BLOCK - 1) < reach**2
@@ -140,18 +153,24 @@ def _least_square(
     return least.min(axis=0)
 
 
-def _held_touch(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
+def _neighbours_near(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
     """Chains in which two units that a link joins may touch.
 
     These are pressed together and turned to each other by joints alone, so how they move without
-    contact tells all. Two boxes are at least as far apart as their centres less what each extends
-    towards the other.
+    contact tells all.
     """
-    distance = jnp.sqrt(free.nearest)
+    return (_held_near(rig, units, free, 0.0) & rig.joined).any(axis=0)
+
+
+def _held_near(rig: Rig, units: Motion, free: Moved, margin: float) -> Bool[Array, "link batch"]:
+    """Neighbours that come near enough to touch, or within a margin (m) of it.
+
+    Two boxes are at least as far apart as their centres less what each extends towards the other.
+    """
+    distance = jnp.sqrt(free.nearest) - margin
     extent = jnp.maximum(_extent(rig.physics, units), _extent(rig.physics, free.units))
     near = distance < touching_distance(rig.physics)
-    near &= distance < extent + TURN_SLACK + rig.physics.contact_gap
-    return (near & rig.joined).any(axis=0)
+    return near & (distance < extent + TURN_SLACK + rig.physics.contact_gap)
 
 
 def _extent(physics: Any, units: Motion) -> Float[Array, "link batch"]:
@@ -228,21 +247,24 @@ def _all_pairs(units: Motion) -> Pairs:
     return Pairs(first, second)
 
 
-def _near_pairs(rig: Rig, units: Motion, time: Any) -> Bool[Array, "pair batch"]:
+def _near_pairs(
+    rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link batch"]
+) -> Bool[Array, "pair batch"]:
     """For every two units (in order of slots apart, counted round) whether they may touch in time.
 
-    Neighbours that a link joins always count: contact elsewhere may press them together.
+    Neighbours that are known to stay `apart` are left out.
     """
     num, batch = units.angle.shape
     state = jnp.concatenate([_scattered(rig, units), units.velocity * time])
     twice = jnp.concatenate([state, state], axis=1)
     slack = jnp.where(jnp.asarray(time) > 0, SLACK, 0.0)
+    apart = jnp.concatenate([apart, jnp.zeros_like(apart[:1])])
 
     def near(shift: Array) -> Array:
         gap = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1) - state
         reach = touching_distance(rig.physics) + slack + jnp.sqrt(_square(gap[2:]))
         once = (2 * shift < num) | (jnp.arange(num) < num // 2)  # the far side comes twice
-        return (_square(gap) < reach**2) & once[:, None]
+        return (_square(gap) < reach**2) & once[:, None] & ~(apart & (shift == 1))
 
     return jax.lax.map(near, jnp.arange(1, num // 2 + 1)).reshape(-1, batch)
 

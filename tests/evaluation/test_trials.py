@@ -14,7 +14,7 @@ from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
-from salpchain.evaluation.trials import play, record_swim, run_trials, start_keys
+from salpchain.evaluation.trials import play, record_swims, run_trials, start_keys
 from salpchain.physics.chain import Physics, at_rest, touching
 from tests.evaluation.controllers import Constant
 
@@ -32,7 +32,7 @@ def idle():
 
 
 def begun(num):
-    return module._begin(SCLD(TaskConfig(LENGTH)), SEED, jnp.arange(num))
+    return module._begin(SCLD(TaskConfig(LENGTH)), LENGTH, SEED, jnp.arange(num))
 
 
 def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
@@ -63,7 +63,7 @@ def test_the_start_of_a_trial_depends_on_its_own_number_alone():
     np.testing.assert_array_equal(keys[0], keys[1][:3])
     mixed = np.random.default_rng(0).permutation(3 * TRIALS)[:TRIALS]
     one = begun(TRIALS)
-    other = module._begin(SCLD(TaskConfig(LENGTH)), SEED, jnp.asarray(mixed))
+    other = module._begin(SCLD(TaskConfig(LENGTH)), LENGTH, SEED, jnp.asarray(mixed))
     for number in set(mixed) & set(range(TRIALS)):
         place = list(mixed).index(number)
         for x, y in zip(leaves(one), leaves(other), strict=True):
@@ -153,7 +153,7 @@ def test_impossible_trials_are_refused(trials, length, limit):
 
 def test_a_recorded_swim_goes_from_the_start_of_its_trial_to_its_end(greedy):
     number = int(np.flatnonzero(greedy.success)[0])
-    swim = record_swim(Greedy(), LENGTH, "fixed", SEED, number)
+    (swim,) = record_swims(Greedy(), [LENGTH], "fixed", SEED, number)
     begin = begun(TRIALS).state
     np.testing.assert_allclose(swim.positions[0], begin.chain.units.position[number], atol=1e-6)
     np.testing.assert_allclose(swim.target, begin.target[number], atol=1e-6)
@@ -211,3 +211,12 @@ def point_to_side(point, begin, end):
 def test_absent_units_touch_nobody():
     chain = at_rest(jnp.zeros((2, 2)), jnp.zeros(2), present=jnp.array([True, False]))
     assert not bool(touching(chain))
+
+
+def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
+    together = record_swims(Greedy(), [3, 6], "fixed", SEED)
+    for swim in together:
+        (alone,) = record_swims(Greedy(), [swim.length], "fixed", SEED)
+        shown = min(len(swim.positions), 30)
+        np.testing.assert_allclose(swim.positions[:shown], alone.positions[:shown], atol=1e-4)
+        np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.physics.batching import anywhere
+from salpchain.physics.batching import redo
 from salpchain.physics.chain import Physics, at_rest, step
 from tests.physics.poses import bent, largest_difference, lively, resting, thrusts
 
@@ -20,27 +20,18 @@ def select(tree, *index):
     return jax.tree.map(lambda x: x[index], tree)
 
 
-def test_anywhere_gives_one_answer_for_all_axes_of_a_batch():
-    flags = jnp.zeros((2, 3, 4), bool)
-    ask = jax.vmap(jax.vmap(jax.vmap(anywhere)))
-    assert not ask(flags).any()
-    assert ask(flags.at[1, 0, 3].set(True)).all()
+def test_redo_replaces_the_flagged_chains_and_no_others_whatever_the_chunk():
+    flags = np.random.default_rng(0).uniform(size=23) < 0.4
+    old = {"a": jnp.arange(23.0), "b": jnp.arange(46.0).reshape(23, 2)}
 
+    def make(chosen):
+        return {"a": -old["a"][chosen], "b": -old["b"][chosen]}
 
-def test_anywhere_asks_only_along_the_axes_that_are_batched():
-    flags = jnp.array([True, False])
-    assert anywhere(flags[0]) and not anywhere(flags[1])
-    assert (jax.vmap(anywhere)(flags) == jnp.array([True, True])).all()
-
-
-def test_a_branch_on_anywhere_stays_a_branch_in_a_batch():
-    def rare(flag, x):
-        return jax.lax.cond(anywhere(flag), jnp.sin, lambda x: x, x)
-
-    program = jax.make_jaxpr(jax.vmap(jax.vmap(rare)))(jnp.zeros((2, 3), bool), jnp.zeros((2, 3)))
-    names = {equation.primitive.name for equation in program.jaxpr.eqns}
-    assert "cond" in names
-    assert "select_n" not in names
+    for chunk in (1, 4, 23):
+        new = redo(jnp.asarray(flags), old, make, chunk)
+        for name, values in old.items():
+            sign = np.where(flags, -1, 1).reshape(-1, *(1,) * (values.ndim - 1))
+            assert np.array_equal(new[name], sign * values)
 
 
 def assert_same_places(one, other):
