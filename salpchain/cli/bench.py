@@ -1,11 +1,8 @@
 """`salpchain bench`."""
 
 from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
-
-from salpchain.cli.options import positive
+from salpchain.cli.options import Lengths, Whole, positive
 from salpchain.evaluation.config import parse_lengths
 
 
@@ -19,9 +16,9 @@ class Bench:
     Example: salpchain bench --lengths 8,64 --envs 1024
     """
 
-    lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "8,64"
+    lengths: Lengths = "8,64"
     """Lengths to measure."""
-    envs: Annotated[str, tyro.conf.arg(metavar="INT")] = "1024"
+    envs: Whole = "1024"
     """Chains that swim at once."""
 
 

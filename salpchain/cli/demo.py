@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from salpchain.cli import train as train_command
-from salpchain.cli.options import number
+from salpchain.cli.options import Folder, Lengths, Whole, positive
 from salpchain.evaluation.config import parse_lengths
 from salpchain.training import run_folder
 
@@ -24,15 +22,15 @@ class Demo:
     Example: salpchain demo --out demo
     """
 
-    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = "demo"
+    out: Folder = "demo"
     """Folder for the run, the evaluation and the figures."""
-    seed: Annotated[str, tyro.conf.arg(metavar="INT")] = "0"
+    seed: Whole = "0"
     """Seed of the training."""
-    steps: Annotated[str, tyro.conf.arg(metavar="INT")] = ""
+    steps: Whole = ""
     """Chain-steps of training. Default: the preset's."""
-    lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "4:64:4"
+    lengths: Lengths = "4:64:4"
     """Lengths to test."""
-    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "20"
+    trials: Whole = "20"
     """Episodes of each length; few, so that the demo takes minutes."""
 
 
@@ -40,7 +38,7 @@ def run(options: Demo) -> int:
     """The whole path."""
     folder = Path(options.out)
     lengths = parse_lengths(options.lengths)
-    trials = number("trials", options.trials)
+    trials = positive("trials", options.trials)
     status = _train(options, folder / "run")
     if status:
         return status

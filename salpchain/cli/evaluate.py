@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from salpchain.cli.options import number, positive
+from salpchain.cli.options import Folder, Lengths, Whole, number, positive
 from salpchain.domain.config import TIME_LIMITS, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -27,15 +27,15 @@ class Evaluate:
 
     policy: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="RUN_OR_POLICY")]] = ""
     """A run folder, a policy.safetensors, or greedy."""
-    lengths: Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")] = "4:64:4"
+    lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
-    trials: Annotated[str, tyro.conf.arg(metavar="INT")] = "50"
+    trials: Whole = "50"
     """Episodes of each length."""
     time_limit: Annotated[str, tyro.conf.arg(metavar="fixed|scaled")] = "fixed"
     """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
-    seed: Annotated[str, tyro.conf.arg(metavar="INT")] = "0"
+    seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
-    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = ""
+    out: Folder = ""
     """Folder for the two files. Default: evaluation in the run folder, else the working folder."""
 
 

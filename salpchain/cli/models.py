@@ -1,11 +1,8 @@
 """`salpchain models`."""
 
 from dataclasses import dataclass
-from typing import Annotated
 
-import tyro
-
-from salpchain.cli.options import number
+from salpchain.cli.options import Name, Whole, number
 from salpchain.control.config import MODELS
 from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
 
@@ -20,9 +17,9 @@ class Models:
     Example: salpchain models --length 8
     """
 
-    length: Annotated[str, tyro.conf.arg(metavar="INT")] = "8"
+    length: Whole = "8"
     """Training length, which sets the number of log-stds."""
-    observation: Annotated[str, tyro.conf.arg(metavar="NAME")] = "table1"
+    observation: Name = "table1"
     """table1 (the paper's) or body."""
 
 

@@ -1,6 +1,15 @@
 """What several commands read from their options."""
 
+from typing import Annotated
+
+import tyro
+
 from salpchain.errors import InputError
+
+Whole = Annotated[str, tyro.conf.arg(metavar="INT")]
+Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
+Folder = Annotated[str, tyro.conf.arg(metavar="FOLDER")]
+Lengths = Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")]
 
 
 def whole(name: str, text: str) -> int | None:

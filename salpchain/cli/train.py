@@ -3,17 +3,12 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
-
-from salpchain.cli.options import whole
+from salpchain.cli.options import Folder, Name, Whole, whole
 from salpchain.errors import InputError
 from salpchain.training import presets, run_folder
 from salpchain.training.config import TrainConfig
-
-Whole = Annotated[str, tyro.conf.arg(metavar="INT")]
-Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 
 
 @dataclass(frozen=True)
@@ -27,7 +22,7 @@ class Train:
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
     """
 
-    out: Annotated[str, tyro.conf.arg(metavar="FOLDER")] = ""
+    out: Folder = ""
     """Folder of the run; must be new or empty, or a run to --resume. Required."""
     preset: Name = ""
     """quick (ours: 95 % success in minutes; default) or paper (the paper's Table 2)."""

@@ -15,6 +15,11 @@ from salpchain.control.graph import GRAPHS, Graph
 from salpchain.control.layers import ACTOR_GAIN, WIDTH, Head, head
 from salpchain.control.mlp import mlp
 
+Observation = Float[Array, "unit inputs"]
+Present = Bool[Array, " unit"]  # which slots hold a unit
+Joined = Bool[Array, " link"]  # which links act
+Action = Float[Array, "unit act"]
+
 START_LOG_STD = -0.5  # of every action (DESIGN section 5)
 
 
@@ -37,20 +42,12 @@ class ActorCritic(Protocol):
     log_std: Float[Array, "*slots act"]
 
     def __call__(
-        self,
-        obs: Float[Array, "unit inputs"],
-        present: Bool[Array, " unit"],
-        joined: Bool[Array, " link"],
-    ) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
+        self, obs: Observation, present: Present, joined: Joined
+    ) -> tuple[Action, Float[Array, ""]]:
         """Mean action of each unit, and the value."""
         ...
 
-    def act(
-        self,
-        obs: Float[Array, "unit inputs"],
-        present: Bool[Array, " unit"],
-        joined: Bool[Array, " link"],
-    ) -> Float[Array, "unit act"]:
+    def act(self, obs: Observation, present: Present, joined: Joined) -> Action:
         """Mean action of each unit alone: what the deterministic policy does."""
         ...
 
@@ -66,21 +63,13 @@ class GraphActorCritic(eqx.Module):
     graph: str = eqx.field(static=True)
 
     def __call__(
-        self,
-        obs: Float[Array, "unit inputs"],
-        present: Bool[Array, " unit"],
-        joined: Bool[Array, " link"],
-    ) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
+        self, obs: Observation, present: Present, joined: Joined
+    ) -> tuple[Action, Float[Array, ""]]:
         """Mean action of each unit, and the value."""
         features = self.features(obs, present, joined)
         return self.actor(features), self.value(features, present)
 
-    def act(
-        self,
-        obs: Float[Array, "unit inputs"],
-        present: Bool[Array, " unit"],
-        joined: Bool[Array, " link"],
-    ) -> Float[Array, "unit act"]:
+    def act(self, obs: Observation, present: Present, joined: Joined) -> Action:
         """Mean action of each unit alone: what the deterministic policy does."""
         return self.actor(self.features(obs, present, joined))
 
@@ -88,9 +77,7 @@ class GraphActorCritic(eqx.Module):
         """What the trunk makes of the observations."""
         return self.trunk(obs, GRAPHS[self.graph](present, joined))
 
-    def value(
-        self, features: Float[Array, "unit 128"], present: Bool[Array, " unit"]
-    ) -> Float[Array, ""]:
+    def value(self, features: Float[Array, "unit 128"], present: Present) -> Float[Array, ""]:
         """Value of the units' features, pooled by learned attention over the present units."""
         score = jnp.where(present, self.score(features)[:, 0], -jnp.inf)
         return self.critic(jax.nn.softmax(score) @ features)[0]

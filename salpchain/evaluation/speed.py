@@ -9,10 +9,11 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import jax.random as jr
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, PRNGKeyArray
+from jaxtyping import Array, Int, PRNGKeyArray
 
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD, State, renew_done
@@ -20,6 +21,7 @@ from salpchain.physics.chain import step
 
 AXIS = "devices"
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
+FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)
 REPEATS = 5
 
 
@@ -67,40 +69,38 @@ def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
     states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), share * devices))
     states = jax.device_put(states, NamedSharding(mesh, Spec(AXIS)))
     started = time.perf_counter()
-    steps = 8
-    run = _compiled(env, advance, mesh, steps, states)
+    run = _compiled(env, advance, mesh, states)
     compile_seconds = time.perf_counter() - started
-    states, first = _timed(run, states)
-    steps = max(8, int(steps * TARGET_SECONDS / first))
-    run = _compiled(env, advance, mesh, steps, states)
-    states, _ = _timed(run, states)
+    states, first = _timed(run, states, FIRST_STEPS)
+    steps = max(FIRST_STEPS, int(FIRST_STEPS * TARGET_SECONDS / first))
     times = []
     for _ in range(REPEATS):
-        states, seconds = _timed(run, states)
+        states, seconds = _timed(run, states, steps)
         times.append(seconds)
     rate = share * devices * steps / statistics.median(times)
     return Speed(part, length, share * devices, devices, rate, compile_seconds)
 
 
-def _compiled(env: SCLD, advance: Advance, mesh: Mesh, steps: int, states: State) -> Any:
-    def run(states: State, key: PRNGKeyArray) -> State:
+def _compiled(env: SCLD, advance: Advance, mesh: Mesh, states: State) -> Any:
+    def run(states: State, key: PRNGKeyArray, steps: Int[Array, ""]) -> State:
         key = jr.fold_in(key, jax.lax.axis_index(AXIS))
         shape = (states.time.shape[0], env.config.length, env.action_size)
 
-        def turn(states: State, key: PRNGKeyArray) -> tuple[State, None]:
-            return advance(env, states, jr.uniform(key, shape, minval=-1.0, maxval=1.0)), None
+        def turn(index: Array, states: State) -> State:
+            action = jr.uniform(jr.fold_in(key, index), shape, minval=-1.0, maxval=1.0)
+            return advance(env, states, action)
 
-        return jax.lax.scan(turn, states, jr.split(key, steps))[0]
+        return jax.lax.fori_loop(0, steps, turn, states)
 
     spread = jax.shard_map(
-        run, mesh=mesh, in_specs=(Spec(AXIS), Spec()), out_specs=Spec(AXIS), check_vma=False
+        run, mesh=mesh, in_specs=(Spec(AXIS), Spec(), Spec()), out_specs=Spec(AXIS), check_vma=False
     )
-    return jax.jit(spread).lower(states, jr.key(1)).compile()
+    return jax.jit(spread).lower(states, jr.key(1), jnp.int32(0)).compile()
 
 
-def _timed(run: Any, states: State) -> tuple[State, float]:
+def _timed(run: Any, states: State, steps: int) -> tuple[State, float]:
     started = time.perf_counter()
-    after = jax.block_until_ready(run(states, jr.key(1)))
+    after = jax.block_until_ready(run(states, jr.key(1), jnp.int32(steps)))
     return after, time.perf_counter() - started
 
 

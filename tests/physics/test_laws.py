@@ -141,22 +141,25 @@ def test_angular_momentum_is_conserved_without_drag_and_thrust(seed):
     assert abs(angular_momentum(after) - angular_momentum(chain)) <= 1e-4 * scale
 
 
+def assert_symmetric(seed, change, change_thrust=lambda thrust: thrust):
+    """A changed chain, under the changed thrusts, ends as the chain does, changed."""
+    rng = np.random.default_rng(seed)
+    chain, thrust = crowd(rng), thrusts(rng, NUM)
+    assert_same(step_far(change(chain), change_thrust(thrust)), change(step_far(chain, thrust)))
+
+
 @few
 @given(seeds, radians)
 @in_double_precision
 def test_turning_the_world_turns_the_result(seed, by):
-    rng = np.random.default_rng(seed)
-    chain, thrust = crowd(rng), thrusts(rng, NUM)
-    assert_same(step_far(turned(chain, by), thrust), turned(step_far(chain, thrust), by))
+    assert_symmetric(seed, lambda chain: turned(chain, by))
 
 
 @few
 @given(seeds, metres, metres)
 @in_double_precision
 def test_shifting_the_world_shifts_the_result(seed, x, y):
-    rng = np.random.default_rng(seed)
-    chain, thrust = crowd(rng), thrusts(rng, NUM)
-    assert_same(step_far(shifted(chain, (x, y)), thrust), shifted(step_far(chain, thrust), (x, y)))
+    assert_symmetric(seed, lambda chain: shifted(chain, (x, y)))
 
 
 @few
@@ -164,29 +167,21 @@ def test_shifting_the_world_shifts_the_result(seed, x, y):
 @in_double_precision
 def test_a_mirrored_chain_with_opposite_thrusts_moves_mirrored(seed):
     """A heading is a quarter turn ahead of its unit, and mirrored a quarter turn behind."""
-    rng = np.random.default_rng(seed)
-    chain, thrust = crowd(rng), thrusts(rng, NUM)
-    assert_same(step_far(mirrored(chain), -thrust), mirrored(step_far(chain, thrust)))
+    assert_symmetric(seed, mirrored, np.negative)
 
 
 @few
 @given(seeds)
 @in_double_precision
 def test_counting_units_from_the_other_end_changes_nothing(seed):
-    rng = np.random.default_rng(seed)
-    chain, thrust = crowd(rng), thrusts(rng, NUM)
-    ours = step_far(reversed_order(chain), thrust[::-1])
-    assert_same(ours, reversed_order(step_far(chain, thrust)))
+    assert_symmetric(seed, reversed_order, np.flip)
 
 
 @few
 @given(seeds)
 @in_double_precision
 def test_units_turned_round_with_opposite_thrusts_move_alike(seed):
-    rng = np.random.default_rng(seed)
-    chain, thrust = crowd(rng), thrusts(rng, NUM)
-    ours = step_far(units_turned_round(chain), -thrust)
-    assert_same(ours, units_turned_round(step_far(chain, thrust)))
+    assert_symmetric(seed, units_turned_round, np.negative)
 
 
 @few

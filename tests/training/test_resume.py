@@ -104,21 +104,19 @@ def test_a_checkpoint_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path,
     assert path.read_bytes() == harmed
 
 
-def test_a_checkpoint_of_other_settings_is_refused(undisturbed, tmp_path):
+@pytest.mark.parametrize(
+    ("group", "name", "value", "word"),
+    [("task", "length", 4, "expected"), ("ppo", "momentum", 0.9, "momentum")],
+    ids=["another length", "an unknown setting"],
+)
+def test_settings_that_do_not_fit_the_checkpoint_are_refused(
+    undisturbed, tmp_path, group, name, value, word
+):
     copy_of(undisturbed, tmp_path)
     config = json.loads((tmp_path / "config.json").read_text())
-    config["config"]["task"]["length"] = 4
+    config["config"][group][name] = value
     (tmp_path / "config.json").write_text(json.dumps(config))
-    with pytest.raises(InputError, match="expected"):
-        resume(tmp_path)
-
-
-def test_settings_with_an_unknown_name_are_refused(undisturbed, tmp_path):
-    copy_of(undisturbed, tmp_path)
-    config = json.loads((tmp_path / "config.json").read_text())
-    config["config"]["ppo"]["momentum"] = 0.9
-    (tmp_path / "config.json").write_text(json.dumps(config))
-    with pytest.raises(InputError, match="momentum"):
+    with pytest.raises(InputError, match=word):
         resume(tmp_path)
 
 
