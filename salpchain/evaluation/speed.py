@@ -18,8 +18,8 @@ from jaxtyping import Array, Int, PRNGKeyArray
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.physics.chain import step
+from salpchain.training.devices import AXIS, mesh_of
 
-AXIS = "devices"
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
 FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)
 REPEATS = 5
@@ -64,7 +64,7 @@ def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
     """The speed of a part under random thrust, `envs` chains shared out over the devices."""
     advance, contact = PARTS[part]
     env = SCLD(TaskConfig(length=length, contact=contact))
-    mesh = jax.make_mesh((devices,), (AXIS,), devices=jax.devices()[:devices])
+    mesh = mesh_of(devices)
     share = envs // devices
     states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), share * devices))
     states = jax.device_put(states, NamedSharding(mesh, Spec(AXIS)))

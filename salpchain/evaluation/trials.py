@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pandas as pd
+from jax.sharding import Mesh, NamedSharding
+from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
@@ -21,9 +23,10 @@ from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Chain, touching
+from salpchain.training.devices import AXIS, mesh_of, share
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
-SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
+SLOTS = (16, 64, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
 REPORTS = 16  # times that progress is reported in a batch (chosen)
 
@@ -78,7 +81,7 @@ def run_trials(
     env = _domain(controller, length, time_limit)
     limit = step_limit(time_limit, length)
     blocks = -(-trials * length // UNITS_AT_ONCE)
-    size = -(-trials // blocks)
+    size = _share_evenly(-(-trials // blocks))
     ended = []
     for block in range(blocks):
         numbers = jnp.arange(block * size, (block + 1) * size)
@@ -100,6 +103,12 @@ def _domain(controller: Controller, length: int, time_limit: str) -> SCLD:
     return SCLD(TaskConfig(slots, card.observation, card.action, time_limit))
 
 
+def _share_evenly(trials: int) -> int:
+    """As many trials or a few more, so that every device gets the same number."""
+    devices = min(trials, jax.local_device_count())
+    return -(-trials // devices) * devices
+
+
 def _share(progress: Progress | None, block: int, blocks: int, share: float) -> None:
     if progress:
         progress((block + share) / blocks)
@@ -112,7 +121,14 @@ def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Arra
 
 
 def _begin(env: SCLD, length: int, seed: int, numbers: Int[Array, " trial"]) -> Trial:
-    return _begin_all(env, jnp.int32(length), start_keys(seed, length, numbers))
+    """The trials of these numbers before their first step, shared out over the devices."""
+    begun = _begin_all(env, jnp.int32(length), start_keys(seed, length, numbers))
+    return jax.device_put(begun, NamedSharding(_mesh(len(numbers)), Spec(AXIS)))
+
+
+def _mesh(trials: int) -> Mesh:
+    """Of as many devices as divide the trials."""
+    return mesh_of(share(trials, jax.local_device_count()))
 
 
 @eqx.filter_jit
@@ -150,7 +166,22 @@ def _play_out(
 @eqx.filter_jit
 def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
     """The trials (batch first) after control step `until`, those that have ended as they ended."""
+    weights, rest = eqx.partition(controller, eqx.is_array)
 
+    def mine(weights: Any, trials: Trial, until: Array) -> Trial:
+        return _play(env, eqx.combine(weights, rest), trials, until)
+
+    shared = jax.shard_map(
+        mine,
+        mesh=_mesh(len(trials.effort)),
+        in_specs=(Spec(), Spec(AXIS), Spec()),
+        out_specs=Spec(AXIS),
+        check_vma=False,
+    )
+    return shared(weights, trials, until)
+
+
+def _play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
     def going(trials: Trial) -> Bool[Array, ""]:
         return (~trials.state.done & (trials.state.time < until)).any()
 

@@ -18,10 +18,14 @@ SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corn
 
 
 class Pairs(NamedTuple):
-    """Units that may touch; a pair of a unit with itself fills up a list."""
+    """Units that may touch, in lists that are gone through one by one.
 
-    first: Int[Array, "pair batch"]
-    second: Int[Array, "pair batch"]
+    A pair of a unit with itself fills up a list.
+    """
+
+    first: Int[Array, "list pair batch"]
+    second: Int[Array, "list pair batch"]
+    lists: Int[Array, ""]  # that hold any pairs; they come first
 
 
 def touching_distance(physics: Any) -> Any:
@@ -34,55 +38,76 @@ def contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
 
     Shapes are looked at only where some pair is near.
     """
-    offset, near = _near(rig, pairs, units)
+    turn = _turn(units)
 
-    def load() -> Load:
-        boxes = (offset, *_turns(pairs, units))
-        force, first, second = _box_against_box(rig.physics, *boxes, near.sum() < 0)
+    def load(some: Listed) -> Array:
+        boxes = some.offset, _at(turn, some.first), _at(turn, some.second)
+        force, first, second = _box_against_box(rig.physics, *boxes, some.never)
         loads = jnp.stack([*force, first]), jnp.stack([*-force, second])
-        total = _sum_for_units(pairs, units.angle, *(jnp.where(near, x, 0.0) for x in loads))
-        return Load(total[:2], total[2])
+        return _sum_for_units(some, units.angle, *(jnp.where(some.near, x, 0.0) for x in loads))
 
-    def nothing() -> Load:
-        return Load(jnp.zeros_like(units.position), jnp.zeros_like(units.angle))
+    def add(index: Array, total: Array) -> Array:
+        some = _listed(rig, pairs, units, index)
+        return jax.lax.cond(some.near.any(), lambda: total + load(some), lambda: total)
 
-    return jax.lax.cond(near.any(), load, nothing)
+    nothing = jnp.zeros((3, *units.angle.shape))
+    total = jax.lax.fori_loop(0, pairs.lists, add, nothing)
+    return Load(total[:2], total[2])
 
 
 def meet(rig: Any, pairs: Pairs, units: Motion) -> Bool[Array, " batch"]:
     """Chains in which the boxes of some pair are closer than the gap, or overlap."""
-    offset, near = _near(rig, pairs, units)
     half = (rig.physics.unit_length / 2, rig.physics.unit_width / 2)
-    boxes = (half, offset, *_turns(pairs, units))
-    close = (_closest(*boxes, near.sum() < 0)[0] <= rig.physics.contact_gap) | _overlap(*boxes)
-    return (near & close).any(axis=0)
+    turn = _turn(units)
+
+    def look(index: Array, met: Array) -> Array:
+        some = _listed(rig, pairs, units, index)
+        boxes = (half, some.offset, _at(turn, some.first), _at(turn, some.second))
+        gap = _closest(*boxes, some.never)[0]
+        close = (gap <= rig.physics.contact_gap) | _overlap(*boxes)
+        return met | (some.near & close).any(axis=0)
+
+    return jax.lax.fori_loop(0, pairs.lists, look, jnp.zeros(units.angle.shape[-1], bool))
 
 
-def _near(rig: Any, pairs: Pairs, units: Motion) -> tuple[Array, Array]:
-    """Offsets (m) from first to second, and whether bounding circles meet, as VMAS has it."""
-    offset = jnp.stack([_at(x, pairs.second) - _at(x, pairs.first) for x in units.position])
-    alive = _at(rig.present, pairs.first) & _at(rig.present, pairs.second)
+class Listed(NamedTuple):
+    """The pairs of one list, and how they lie."""
+
+    first: Int[Array, "pair batch"]
+    second: Int[Array, "pair batch"]
+    offset: Float[Array, "2 pair batch"]  # m, from first to second
+    near: Bool[Array, "pair batch"]  # bounding circles meet, as VMAS has it
+
+    @property
+    def never(self) -> Bool[Array, ""]:
+        """False, for `once`."""
+        return self.near.sum() < 0
+
+
+def _listed(rig: Any, pairs: Pairs, units: Motion, index: Array) -> Listed:
+    first, second = pairs.first[index], pairs.second[index]
+    offset = _at(units.position, second) - _at(units.position, first)
     near = _square(offset) <= touching_distance(rig.physics) ** 2
-    return offset, near & alive & (pairs.first != pairs.second)
+    return Listed(first, second, offset, near & (first != second))
 
 
-def _turns(pairs: Pairs, units: Motion) -> tuple[Array, Array]:
-    """Cosines and sines of the angles of the first units, and of the second."""
-    turn = jnp.cos(units.angle), jnp.sin(units.angle)
-    first, second = (jnp.stack([_at(x, index) for x in turn]) for index in pairs)
-    return first, second
+def _turn(units: Motion) -> Float[Array, "2 unit batch"]:
+    return jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
 
 
-def _at(x: Shaped[Array, "unit batch"], index: Int[Array, "pair batch"]) -> Array:
+def _at(x: Shaped[Array, "*xy unit batch"], index: Int[Array, "pair batch"]) -> Array:
+    """The rows of each chain's units, with the coordinates in front if there are any."""
+    if x.ndim == 3:
+        return jnp.stack([_at(row, index) for row in x])
     return jnp.take_along_axis(x, index, axis=0)
 
 
 def _sum_for_units(
-    pairs: Pairs, like: Array, first: Array, second: Array
+    some: Listed, like: Array, first: Array, second: Array
 ) -> Float[Array, "3 unit batch"]:
     """For each unit, the sum of what its pairs give it, (3, pair, batch) to either unit."""
     num, batch = like.shape
-    unit = jnp.concatenate(pairs)
+    unit = jnp.concatenate([some.first, some.second])
     given = jnp.moveaxis(jnp.concatenate([first, second], axis=1), 0, -1)
     total = jnp.zeros((num, batch, 3)).at[unit, jnp.arange(batch)].add(given)
     return jnp.moveaxis(total, -1, 0)

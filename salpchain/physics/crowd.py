@@ -4,13 +4,11 @@ Arrays have the batch last: vectors are (2, unit, batch). The whole batch steps 
 chains in which units may touch are then gathered, chunk by chunk, and stepped again with it.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo
@@ -27,7 +25,6 @@ PRESSED = 0.012  # m
 # beyond its value before and after (chosen; the same test).
 TURN_SLACK = 0.003  # m
 
-PAIRS = 2  # for each unit, in a list of pairs; a short list has half a pair for each (chosen)
 SHARE = 16  # a chunk of crowded chains is this part of the batch (chosen)
 AWAY = 1e4  # m, where slots are put that nothing may touch (chosen)
 BLOCK = 8  # neighbouring units in one bounding circle (chosen)
@@ -58,14 +55,9 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
 
 
 def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Moved) -> Moved:
-    def step_with(pairs: Pairs) -> Moved:
-        def load(units: Motion) -> Load:
-            return contact_load(rig, pairs, units)
-
-        return run_substeps(rig, units, links, push, load)
-
     apart = rig.joined & ~_held_near(rig, units, free, PRESSED)
-    return _with_pairs(rig, units, rig.physics.control_step, apart, step_with)
+    pairs = _near_pairs(rig, units, rig.physics.control_step, apart)
+    return run_substeps(rig, units, links, push, partial(contact_load, rig, pairs))
 
 
 def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
@@ -75,40 +67,10 @@ def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
 
     def look(chosen: Int[Array, " some"]) -> Bool[Array, " some"]:
         few_rig, few = _take((rig, units), chosen, batch)
-        apart = jnp.zeros_like(few_rig.joined)
-        return _with_pairs(few_rig, few, 0.0, apart, lambda pairs: meet(few_rig, pairs, few))
+        return meet(few_rig, _near_pairs(few_rig, few, 0.0, jnp.zeros_like(few_rig.joined)), few)
 
     near = _some_within(place, jnp.broadcast_to(far, batch), 1)
     return redo(near, jnp.zeros(batch, bool), look, _chunk(batch))
-
-
-def _with_pairs(
-    rig: Rig,
-    units: Motion,
-    time: Any,
-    apart: Bool[Array, "link batch"],
-    work: Callable[[Pairs], Any],
-) -> Any:
-    """What `work` gives for the pairs of units that may touch within some time (s).
-
-    Two neighbours that are known to stay `apart` are left out.
-
-    It is compiled for short lists, and for longer ones, of which the shortest that has room for
-    the pairs of every chain is used.
-    """
-    num = units.angle.shape[0]
-    most = num * (num - 1) // 2
-    sizes = [size for size in (num // 2, PAIRS * num) if 2 * size <= most]
-    if not sizes:
-        return work(_all_pairs(units))
-    near = _near_pairs(rig, units, time, apart)
-    count = near.sum(axis=0).max()
-
-    def with_list(size: int) -> Any:
-        return work(_listed(near, num, size))
-
-    branches = [*(partial(with_list, size) for size in sizes), lambda: work(_all_pairs(units))]
-    return jax.lax.switch(sum(count > size for size in sizes), branches)
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
@@ -239,21 +201,28 @@ def _square(vector: Array) -> Array:
     return vector[0] ** 2 + vector[1] ** 2
 
 
-def _all_pairs(units: Motion) -> Pairs:
-    """Every two units of each chain."""
+def _near_pairs(rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link batch"]) -> Pairs:
+    """The pairs of units that may touch within some time (s).
+
+    Two neighbours that are known to stay `apart` are left out.
+    """
     num, batch = units.angle.shape
-    index = np.stack(np.triu_indices(num, 1)).astype(np.int32)
-    first, second = jnp.broadcast_to(index[..., None], (*index.shape, batch))
-    return Pairs(first, second)
+    near = _may_touch(rig, units, time, apart)
+
+    def places(near: Bool[Array, " pair"]) -> Int[Array, " pair"]:
+        return jnp.nonzero(near, size=near.shape[0], fill_value=-1)[0]
+
+    chosen = jax.vmap(places, in_axes=1, out_axes=1)(near).reshape(-1, num // 2, batch)
+    one = jnp.where(chosen < 0, 0, chosen % num)
+    other = jnp.where(chosen < 0, 0, (one + chosen // num + 1) % num)
+    lists = -(-near.sum(axis=0).max() // (num // 2))
+    return Pairs(jnp.minimum(one, other), jnp.maximum(one, other), lists)
 
 
-def _near_pairs(
+def _may_touch(
     rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link batch"]
 ) -> Bool[Array, "pair batch"]:
-    """For every two units (in order of slots apart, counted round) whether they may touch in time.
-
-    Neighbours that are known to stay `apart` are left out.
-    """
+    """For every two units (in order of slots apart, counted round) whether they may touch."""
     num, batch = units.angle.shape
     state = jnp.concatenate([_scattered(rig, units), units.velocity * time])
     twice = jnp.concatenate([state, state], axis=1)
@@ -267,15 +236,3 @@ def _near_pairs(
         return (_square(gap) < reach**2) & once[:, None] & ~(apart & (shift == 1))
 
     return jax.lax.map(near, jnp.arange(1, num // 2 + 1)).reshape(-1, batch)
-
-
-def _listed(near: Bool[Array, "pair batch"], num: int, size: int) -> Pairs:
-    """The near pairs of each chain as a list, the lower slot first."""
-
-    def pick(near: Array) -> Array:
-        return jnp.nonzero(near, size=size, fill_value=-1)[0]
-
-    chosen = jax.vmap(pick, in_axes=1, out_axes=1)(near)
-    one = jnp.where(chosen < 0, 0, chosen % num)
-    other = jnp.where(chosen < 0, 0, (one + chosen // num + 1) % num)
-    return Pairs(jnp.minimum(one, other), jnp.maximum(one, other))

@@ -4,9 +4,11 @@ import contextlib
 import os
 
 import jax
+from jax.sharding import AxisType, Mesh
 
 from salpchain.errors import InputError
 
+AXIS = "devices"  # the mesh axis over which chains are shared out
 LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
 LOOP_BYTES = 10_000_000  # touched in one turn of a loop that becomes one function (chosen)
 
@@ -40,6 +42,11 @@ def use_devices(count: int | None = None) -> int:
 def share(envs: int, devices: int) -> int:
     """The largest number of devices, up to these, that divides the chains evenly."""
     return max(n for n in range(1, devices + 1) if envs % n == 0)
+
+
+def mesh_of(devices: int) -> Mesh:
+    """A mesh over the first `devices` devices."""
+    return jax.make_mesh((devices,), (AXIS,), (AxisType.Auto,), devices=jax.devices()[:devices])
 
 
 def device_name() -> str:

@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.domain.scld import SCLD, State
 from salpchain.training.config import TrainConfig
-from salpchain.training.ppo import AXIS, Losses, improve, lessons, optimiser
+from salpchain.training.devices import AXIS
+from salpchain.training.ppo import Losses, improve, lessons, optimiser
 from salpchain.training.rollout import Outcome, Sample, collect, values
 
 
@@ -49,11 +50,6 @@ class Metrics(eqx.Module):
     closed: Float[Array, ""]  # sum of their closed fractions
     lasted: Float[Array, ""]  # sum of their control steps
     finite: Finite
-
-
-def mesh_of(devices: int) -> Mesh:
-    """A mesh over the first `devices` devices."""
-    return jax.make_mesh((devices,), (AXIS,), devices=jax.devices()[:devices])
 
 
 def new_learner(config: TrainConfig, env: SCLD) -> Learner:

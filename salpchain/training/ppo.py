@@ -12,9 +12,9 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
+from salpchain.training.devices import AXIS
 from salpchain.training.rollout import Outcome, Sample, log_prob
 
-AXIS = "devices"  # the mesh axis over which chains are shared out
 # Units whose activations are worked on at a time: on a CPU they stay in a core's cache, which
 # nearly halves the time of an update (measured); a GPU takes a minibatch whole.
 CACHED_ROWS = {"cpu": 2048}

@@ -19,12 +19,11 @@ from salpchain.files import write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
-from salpchain.training.devices import device_name, share, use_devices
+from salpchain.training.devices import device_name, mesh_of, share, use_devices
 from salpchain.training.learner import (
     Learner,
     Metrics,
     compile_iterate,
-    mesh_of,
     new_learner,
     place,
 )

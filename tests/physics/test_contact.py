@@ -147,7 +147,7 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
     runs = [*map(violent_run(num, batch, steps), seeds)]
     recompiling(crowd, "SLACK", 1e3)
     recompiling(crowd, "TURN_SLACK", 1e3)
-    recompiling(crowd, "_with_pairs", lambda rig, units, *_: _[-1](crowd._all_pairs(units)))
+    recompiling(crowd, "PRESSED", 1e3)
     looking, passing = step_each(), step_each(contact=False)
     touched = 0
     for before, pushes, after in runs:
