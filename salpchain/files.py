@@ -25,6 +25,13 @@ def write_bytes(path: Path, content: bytes) -> None:
     Raises:
         OSError: the folder is missing or not writable, or the disk is full.
     """
+    try:
+        _write_beside(path, content)
+    except OSError as error:  # about the file that was asked for, not the one beside it
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+def _write_beside(path: Path, content: bytes) -> None:
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     beside = Path(name)
     try:

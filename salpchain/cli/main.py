@@ -2,6 +2,7 @@
 
 import contextlib
 import difflib
+import errno
 import io
 import os
 import re
@@ -19,6 +20,16 @@ COMMANDS = {
     "models": ("Models", "list the controllers and their parameter counts"),
     "bench": ("Bench", "measure the speed of physics and environment on this machine"),
     "demo": ("Demo", "train, test and draw in one go: what `make demo` runs"),
+}
+
+# What would be right, by what the system refused.
+ADVICE = {
+    errno.ENOSPC: " (free some space, then try again)",
+    errno.EDQUOT: " (free some space, then try again)",
+    **dict.fromkeys(
+        (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS),
+        " (choose a folder that can be written)",
+    ),
 }
 
 HELP = """usage: salpchain COMMAND [OPTIONS]
@@ -57,7 +68,8 @@ def run(arguments: list[str]) -> int:
         return _fail(str(error))
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
-        return _fail(f"{(error.strerror or str(error)).lower()}{where}")
+        advice = ADVICE.get(error.errno or 0, "")
+        return _fail(f"{(error.strerror or str(error)).lower()}{where}{advice}")
 
 
 def _dispatch(arguments: list[str]) -> int:

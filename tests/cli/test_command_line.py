@@ -122,7 +122,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, 
     out = tmp_path / "out"
     words = ["evaluate", "greedy", "--lengths", "2", "--trials", "1", "--out", str(out)]
     assert run(words) == 2
-    assert "no space left" in capsys.readouterr().err
+    assert f"no space left on device: {out / 'evaluation.csv'} (" in capsys.readouterr().err
     assert list(out.iterdir()) == []
 
 
