@@ -16,7 +16,7 @@ from typing import Any
 
 import jax
 
-from salpchain.evaluation.speed import Speed, best, measure
+from salpchain.evaluation.speed import Speed, best, measure, ratio
 from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
@@ -105,10 +105,8 @@ def scaling(devices: int) -> dict[str, Any]:
 
 def contact_share(length: int, envs: int, devices: int) -> dict[str, Any]:
     """Share of the environment step that contact takes: chains under random thrust from rest."""
-    with_contact = measure("environment", length, envs, devices)
-    without = measure("environment without contact", length, envs, devices)
-    share = 1 - with_contact.steps_per_second / without.steps_per_second
-    return {"length": length, "envs": envs, "share_of_step": share}
+    slower = ratio("environment", "environment without contact", length, envs, devices)
+    return {"length": length, "envs": envs, "share_of_step": 1 - slower}
 
 
 def main() -> None:

@@ -23,6 +23,7 @@ from salpchain.training.devices import AXIS, mesh_of
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
 FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)
 REPEATS = 5
+PAIRS = 15  # of runs whose ratio is taken (chosen)
 
 
 @dataclass(frozen=True)
@@ -62,23 +63,50 @@ PARTS: dict[str, tuple[Advance, bool]] = {
 
 def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
     """The speed of a part under random thrust, `envs` chains shared out over the devices."""
+    ready = prepare(part, length, envs, devices)
+    rate = statistics.median(ready.again() for _ in range(REPEATS))
+    return Speed(part, length, ready.envs, devices, rate, ready.compile_seconds)
+
+
+def ratio(one: str, other: str, length: int, envs: int, devices: int = 1) -> float:
+    """How many times faster one part is than another: the median over runs in turn.
+
+    In turn, because a machine that others share has slow spells.
+    """
+    parts = [prepare(part, length, envs, devices) for part in (one, other)]
+    pairs = [[part.again() for part in parts] for _ in range(PAIRS)]
+    return statistics.median(first / second for first, second in pairs)
+
+
+@dataclass(frozen=True)
+class Ready:
+    """A part that is compiled and warm."""
+
+    envs: int
+    compile_seconds: float
+    again: Callable[[], float]  # one more timed run: chain-steps per second
+
+
+def prepare(part: str, length: int, envs: int, devices: int) -> Ready:
+    """The part, compiled, with so many steps in a run that it takes the target time."""
     advance, contact = PARTS[part]
     env = SCLD(TaskConfig(length=length, contact=contact))
     mesh = mesh_of(devices)
-    share = envs // devices
-    states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), share * devices))
+    envs -= envs % devices
+    states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), envs))
     states = jax.device_put(states, NamedSharding(mesh, Spec(AXIS)))
     started = time.perf_counter()
     run = _compiled(env, advance, mesh, states)
     compile_seconds = time.perf_counter() - started
     states, first = _timed(run, states, FIRST_STEPS)
     steps = max(FIRST_STEPS, int(FIRST_STEPS * TARGET_SECONDS / first))
-    times = []
-    for _ in range(REPEATS):
+
+    def again() -> float:
+        nonlocal states
         states, seconds = _timed(run, states, steps)
-        times.append(seconds)
-    rate = share * devices * steps / statistics.median(times)
-    return Speed(part, length, share * devices, devices, rate, compile_seconds)
+        return envs * steps / seconds
+
+    return Ready(envs, compile_seconds, again)
 
 
 def _compiled(env: SCLD, advance: Advance, mesh: Mesh, states: State) -> Any:

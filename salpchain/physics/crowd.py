@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo
@@ -27,7 +28,7 @@ TURN_SLACK = 0.003  # m
 
 SHARE = 16  # a chunk of crowded chains is this part of the batch (chosen)
 AWAY = 1e4  # m, where slots are put that nothing may touch (chosen)
-BLOCK = 8  # neighbouring units in one bounding circle (chosen)
+BLOCK = 4  # neighbouring units in one bounding circle (chosen)
 
 
 def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -> Moved:
@@ -130,9 +131,13 @@ def _held_near(rig: Rig, units: Motion, free: Moved, margin: float) -> Bool[Arra
     Two boxes are at least as far apart as their centres less what each extends towards the other.
     """
     distance = jnp.sqrt(free.nearest) - margin
-    extent = jnp.maximum(_extent(rig.physics, units), _extent(rig.physics, free.units))
     near = distance < touching_distance(rig.physics)
-    return near & (distance < extent + TURN_SLACK + rig.physics.contact_gap)
+
+    def turned_to_touch() -> Bool[Array, "link batch"]:
+        extent = jnp.maximum(_extent(rig.physics, units), _extent(rig.physics, free.units))
+        return near & (distance < extent + TURN_SLACK + rig.physics.contact_gap)
+
+    return jax.lax.cond(near.any(), turned_to_touch, lambda: near)
 
 
 def _extent(physics: Any, units: Motion) -> Float[Array, "link batch"]:
@@ -157,13 +162,10 @@ def _far_units_near(
 
     First the bounding circles of blocks of neighbouring units; all pairs only where two come near.
     """
-    batch = place.shape[-1]
     centre, radius = _blocks(place, present)
-    blocks = len(radius)
-    near = jnp.zeros(batch, bool)
-    for shift in range(2, blocks):
-        gap = jnp.sqrt(_square(centre[:, shift:] - centre[:, :-shift]))
-        near |= (gap < radius[shift:] + radius[:-shift] + reach).any(axis=0)
+    apart = np.triu(np.ones((len(radius), len(radius)), bool), 2)[..., None]
+    gap = jnp.sqrt(_square(centre[:, :, None] - centre[:, None]))
+    near = (apart & (gap < radius[:, None] + radius + reach)).any(axis=(0, 1))
     return jax.lax.cond(near.any(), lambda: _some_within(place, reach, 2), lambda: near)
 
 

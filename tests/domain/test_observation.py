@@ -14,7 +14,7 @@ from salpchain.domain.scld import SCLD
 
 @functools.cache
 def compiled(slots, observation):
-    env = SCLD(TaskConfig(length=slots, observation=observation))
+    env = SCLD(TaskConfig(length=slots, observation=observation, contact=False))
     return jax.jit(env.reset), jax.jit(env.step)
 
 

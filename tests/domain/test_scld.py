@@ -25,8 +25,9 @@ class Jitted:
 
 
 @functools.cache
-def env_of(length=4, **settings):
-    return Jitted(length=length, **settings)
+def env_of(length=4, contact=False, **settings):
+    """Without contact, which has tests of its own and takes most of the time to compile."""
+    return Jitted(length=length, contact=contact, **settings)
 
 
 def still(length):
@@ -136,7 +137,7 @@ def test_renewing_keeps_each_chains_length():
 
 @pytest.mark.parametrize("length", [2, 512])
 def test_the_shortest_and_the_longest_chain_swim(length):
-    env = env_of(length, observation="table1", action="pair")
+    env = env_of(length, contact=True, observation="table1", action="pair")
     state = env.reset(jr.key(0))
     state = env.step(state, jr.normal(jr.key(1), (length, 2)))
     assert all(np.isfinite(x).all() for x in (state.obs, state.reward, state.chain.units.position))
