@@ -26,17 +26,27 @@ PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
 def training_display(config: TrainConfig) -> Iterator[Watch]:
     """A watcher that shows steps, steps/s, success, closed fraction and time left."""
     console = Console()
-    console.print(f"training {config.name}, preset {config.preset}, seed {config.seed}: compiling")
-    if not console.is_terminal:
-        yield _plain(console)
-        return
-    with _bar(console) as bar:
-        task = bar.add_task("", total=config.iterations * config.ppo.batch, speed="", score="")
+    bar = _bar(console)
+    task = bar.add_task("", total=config.total_steps, speed="", score="")
+    plain = _plain(console)
 
-        def watch(now: TrainProgress) -> None:
+    def watch(now: TrainProgress) -> None:
+        if now.compiling:
+            about = f"training {config.name}, preset {config.preset}, seed {config.seed}"
+            console.print(f"{about}: compiling", highlight=False)
+            if console.is_terminal:
+                bar.reset(task, completed=now.steps)
+                bar.start()
+        elif console.is_terminal:
             bar.update(task, completed=now.steps, speed=_speed(now), score=_score(now))
+        else:
+            plain(now)
 
+    try:
         yield watch
+    finally:
+        if bar.live.is_started:
+            bar.stop()
 
 
 def _bar(console: Console) -> Progress:

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.control.policy import PolicyCard
+from salpchain.domain.config import ACTION_SIZES
 from salpchain.domain.scld import State
 from salpchain.physics.chain import heading
 
@@ -13,17 +14,26 @@ DAMPING = 2.0  # N per m/s along the heading
 
 
 class Greedy(eqx.Module):
-    """thrust = clip(5 e.h - 2 v.h): e the error to the own target point, h the heading."""
+    """thrust = clip(5 e.h - 2 v.h): e the error to the own target point, h the heading.
+
+    It reads positions and velocities themselves, so it can stand beside a policy of any
+    observation and action.
+    """
+
+    observation: str = eqx.field(static=True, default="body")
+    action: str = eqx.field(static=True, default="thrust")
 
     @property
     def card(self) -> PolicyCard:
         """Works at any length; was never trained."""
-        return PolicyCard(name="greedy")
+        return PolicyCard(name="greedy", observation=self.observation, action=self.action)
 
-    def act(self, state: State) -> Float[Array, "unit 1"]:
-        """One number for each unit in [-1, 1], whatever it may observe."""
+    def act(self, state: State) -> Float[Array, "unit act"]:
+        """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too."""
         units = state.chain.units
         ahead = heading(units.angle)
         error = jnp.sum((state.target - units.position) * ahead, axis=-1)
         speed = jnp.sum(units.velocity * ahead, axis=-1)
-        return jnp.clip(PULL * error - DAMPING * speed, -1.0, 1.0)[:, None]
+        thrust = jnp.clip(PULL * error - DAMPING * speed, -1.0, 1.0)
+        both = jnp.stack([thrust, -thrust], axis=-1)
+        return both[:, : ACTION_SIZES[self.action]]

@@ -1,6 +1,6 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -49,7 +49,7 @@ def evaluate(
         raise InputError("lengths must name at least one length")
     controllers: list[Controller] = [controller]
     if baseline and not isinstance(controller, Greedy):
-        controllers.append(Greedy())
+        controllers.append(Greedy(controller.card.observation, controller.card.action))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     frames = _play(controllers, sorted(set(lengths)), trials, time_limit, seed, progress)
@@ -62,7 +62,7 @@ def evaluate(
 
 
 def _play(
-    controllers: Iterable[Controller],
+    controllers: Sequence[Controller],
     lengths: Sequence[int],
     trials: int,
     time_limit: str,
@@ -70,16 +70,14 @@ def _play(
     progress: Progress | None,
 ) -> list[pd.DataFrame]:
     """The trials of each controller at all lengths."""
-    plan = [(c, length) for c in controllers for length in lengths]
-    work = [length * step_limit(time_limit, length) for _, length in plan]
-    frames: dict[int, list[pd.DataFrame]] = {}
-    for place, (controller, length) in enumerate(plan):
-        what = f"{controller.card.name}, {length} units"
+    names = " and ".join(controller.card.name for controller in controllers)
+    work = [length * step_limit(time_limit, length) for length in lengths]
+    played = []
+    for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
-        tell = partial(_tell, progress, before, part, what)
-        rows = run_trials(controller, length, trials, time_limit, seed, tell)
-        frames.setdefault(id(controller), []).append(rows)
-    return [pd.concat(parts, ignore_index=True) for parts in frames.values()]
+        tell = partial(_tell, progress, before, part, f"{names}, {length} units")
+        played.append(run_trials(controllers, length, trials, time_limit, seed, tell))
+    return [pd.concat(parts, ignore_index=True) for parts in zip(*played, strict=True)]
 
 
 def _tell(progress: Progress | None, before: float, part: float, what: str, share: float) -> None:

@@ -22,7 +22,7 @@ from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
 from salpchain.physics.batching import where
-from salpchain.physics.chain import Chain, touching
+from salpchain.physics.chain import Chain
 from salpchain.training.devices import AXIS, mesh_of, share
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
@@ -34,14 +34,14 @@ Progress = Callable[[float], None]  # told the share of the work that is done
 
 
 class Trial(eqx.Module):
-    """One episode, with the sums that its measures need."""
+    """One episode, with the sums that its measures need; in a batch, axes (trial, controller)."""
 
     state: State
     origin: Float[Array, "2"]  # m, centroid of the units at the start
     reachable: Float[Array, ""]  # closed fraction that no controller can exceed
     effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
     path: Float[Array, ""]  # m, way of the centroid
-    contact_steps: Int[Array, ""]  # control steps at whose end some two units touch
+    contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
 
 
 @dataclass(frozen=True)
@@ -57,50 +57,61 @@ class Swim:
 
 
 def run_trials(
-    controller: Controller,
+    controllers: Sequence[Controller],
     length: int,
     trials: int,
     time_limit: str,
     seed: int,
     progress: Progress | None = None,
-) -> pd.DataFrame:
-    """A row of measures for each trial of the controller at this length.
+) -> list[pd.DataFrame]:
+    """For each controller, a row of measures for each of its trials at this length.
 
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
-    own number only. Columns: policy, length, trial, seed, time_limit, success, closed_fraction,
-    final_distance (m), start_distance (m), steps_to_goal (NaN without success), steps,
-    thrust_effort (N s per unit), path_efficiency (NaN for a chain that never moved), contact_time
-    (s) and reachable (the physical limit of closed_fraction).
+    own number only. All controllers swim side by side, in one compiled program, and must speak
+    the same observation and action. Columns: policy, length, trial, seed, time_limit, success,
+    closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without success),
+    steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never moved),
+    contact_time (s, of the control steps in which some two units pushed each other) and reachable
+    (the physical limit of closed_fraction).
 
     Raises:
-        InputError: fewer than one trial, an impossible length or time limit, or a length that the
-            controller cannot serve.
+        InputError: fewer than one trial, an impossible length or time limit, a length that a
+            controller cannot serve, or controllers of different observations or actions.
     """
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
-    env = _domain(controller, length, time_limit)
+    env = _domain(controllers, length, time_limit)
     limit = step_limit(time_limit, length)
-    blocks = -(-trials * length // UNITS_AT_ONCE)
+    blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
     ended = []
     for block in range(blocks):
         numbers = jnp.arange(block * size, (block + 1) * size)
         share = partial(_share, progress, block, blocks)
-        begun = _begin(env, length, seed, numbers)
-        ended.append(_measures(env, _play_out(env, controller, begun, limit, share)))
+        begun = _begin(env, len(controllers), length, seed, numbers)
+        ended.append(_measures(env, _play_out(env, controllers, begun, limit, share)))
     values = {name: np.concatenate([m[name] for m in ended])[:trials] for name in ended[0]}
-    about = {"policy": controller.card.name, "length": length, "trial": np.arange(trials)}
-    return pd.DataFrame({**about, "seed": seed, "time_limit": time_limit, **values})
+    about = {"length": length, "trial": np.arange(trials), "seed": seed, "time_limit": time_limit}
+    return [
+        pd.DataFrame(
+            {"policy": controller.card.name, **about, **{k: x[:, i] for k, x in values.items()}}
+        )
+        for i, controller in enumerate(controllers)
+    ]
 
 
-def _domain(controller: Controller, length: int, time_limit: str) -> SCLD:
+def _domain(controllers: Sequence[Controller], length: int, time_limit: str) -> SCLD:
     """The domain with as many slots as the length needs, few different numbers in all."""
-    card = controller.card
-    card.check_serves(check_length(length))
+    cards = [controller.card for controller in controllers]
+    for card in cards:
+        card.check_serves(check_length(length))
+    spoken = {(card.observation, card.action) for card in cards}
+    if len(spoken) != 1:
+        raise InputError(f"controllers must share observation and action, got {sorted(spoken)}")
     slots = next(slots for slots in SLOTS if slots >= length)
-    if card.control.model in SINGLE_LENGTH:
+    if any(card.control.model in SINGLE_LENGTH for card in cards):
         slots = length
-    return SCLD(TaskConfig(slots, card.observation, card.action, time_limit))
+    return SCLD(TaskConfig(slots, *spoken.pop(), time_limit))
 
 
 def _share_evenly(trials: int) -> int:
@@ -120,9 +131,11 @@ def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Arra
     return jax.vmap(lambda trial: jr.fold_in(root, trial))(trials)
 
 
-def _begin(env: SCLD, length: int, seed: int, numbers: Int[Array, " trial"]) -> Trial:
+def _begin(
+    env: SCLD, controllers: int, length: int, seed: int, numbers: Int[Array, " trial"]
+) -> Trial:
     """The trials of these numbers before their first step, shared out over the devices."""
-    begun = _begin_all(env, jnp.int32(length), start_keys(seed, length, numbers))
+    begun = _begin_all(env, controllers, jnp.int32(length), start_keys(seed, length, numbers))
     return jax.device_put(begun, NamedSharding(_mesh(len(numbers)), Spec(AXIS)))
 
 
@@ -132,8 +145,13 @@ def _mesh(trials: int) -> Mesh:
 
 
 @eqx.filter_jit
-def _begin_all(env: SCLD, length: Int[Array, ""], keys: Key[Array, " trial"]) -> Trial:
-    return jax.vmap(partial(_begin_one, env, length))(keys)
+def _begin_all(
+    env: SCLD, controllers: int, length: Int[Array, ""], keys: Key[Array, " trial"]
+) -> Trial:
+    def for_each(x: Array) -> Array:
+        return jnp.broadcast_to(x[:, None], (len(keys), controllers, *x.shape[1:]))
+
+    return jax.tree.map(for_each, jax.vmap(partial(_begin_one, env, length))(keys))
 
 
 def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
@@ -150,12 +168,12 @@ def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
 
 
 def _play_out(
-    env: SCLD, controller: Controller, trials: Trial, limit: int, progress: Progress
+    env: SCLD, controllers: Sequence[Controller], trials: Trial, limit: int, progress: Progress
 ) -> Trial:
     """All trials at their ends."""
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
-        trials = play(env, controller, trials, jnp.int32(until))
+        trials = play(env, controllers, trials, jnp.int32(until))
         if bool(trials.state.done.all()):
             break
         progress(min(until / limit, 1.0))
@@ -164,9 +182,11 @@ def _play_out(
 
 
 @eqx.filter_jit
-def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
-    """The trials (batch first) after control step `until`, those that have ended as they ended."""
-    weights, rest = eqx.partition(controller, eqx.is_array)
+def play(
+    env: SCLD, controllers: Sequence[Controller], trials: Trial, until: Int[Array, ""]
+) -> Trial:
+    """The trials after control step `until`, those that have ended as they ended."""
+    weights, rest = eqx.partition(controllers, eqx.is_array)
 
     def mine(weights: Any, trials: Trial, until: Array) -> Trial:
         return _play(env, eqx.combine(weights, rest), trials, until)
@@ -181,20 +201,29 @@ def play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]
     return shared(weights, trials, until)
 
 
-def _play(env: SCLD, controller: Controller, trials: Trial, until: Int[Array, ""]) -> Trial:
+def _play(
+    env: SCLD, controllers: Sequence[Controller], trials: Trial, until: Int[Array, ""]
+) -> Trial:
     def going(trials: Trial) -> Bool[Array, ""]:
         return (~trials.state.done & (trials.state.time < until)).any()
 
     def advance(trials: Trial) -> Trial:
-        after = jax.vmap(partial(_advance, env, controller))(trials)
+        after = jax.vmap(partial(_advance, env, controllers))(trials)
         return where(trials.state.done, trials, after)
 
     return jax.lax.while_loop(going, advance, trials)
 
 
-def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
-    """One control step of one trial."""
-    state = env.step(trial.state, controller.act(trial.state))
+def _advance(env: SCLD, controllers: Sequence[Controller], trials: Trial) -> Trial:
+    """One control step of one trial, for each controller (first axis)."""
+    own = [jax.tree.map(lambda x, i=i: x[i], trials.state) for i in range(len(controllers))]
+    actions = [controller.act(state) for controller, state in zip(controllers, own, strict=True)]
+    states = jax.vmap(env.step)(trials.state, jnp.stack(actions))
+    return jax.vmap(partial(_add_up, env))(trials, states)
+
+
+def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
+    """The trial after its step to this state."""
     moved = _centroid(state.chain) - _centroid(trial.state.chain)
     dt = env.physics.control_step
     return Trial(
@@ -203,7 +232,7 @@ def _advance(env: SCLD, controller: Controller, trial: Trial) -> Trial:
         reachable=trial.reachable,
         effort=trial.effort + jnp.abs(state.thrust).sum() / state.length * dt,
         path=trial.path + jnp.linalg.norm(moved),
-        contact_steps=trial.contact_steps + touching(state.chain, env.physics),
+        contact_steps=trial.contact_steps + state.chain.touching,
     )
 
 
@@ -213,10 +242,10 @@ def _centroid(chain: Chain) -> Float[Array, "2"]:
 
 
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
-    """The measures of finished trials, by name."""
+    """The measures of finished trials by name, each (trial, controller)."""
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
-    centroid = jax.vmap(_centroid)(state.chain)
+    centroid = jax.vmap(jax.vmap(_centroid))(state.chain)
     straight = np.linalg.norm(np.asarray(centroid - trials.origin, np.float64), axis=-1)
     path = np.asarray(trials.path, np.float64)
     final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
@@ -248,10 +277,9 @@ def record_swims(
     """
     for length in lengths:
         controller.card.check_serves(check_length(length))
-    env = _domain(controller, max(lengths), time_limit)
+    env = _domain([controller], max(lengths), time_limit)
     keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
-    begun = jax.vmap(env.reset)(jnp.concatenate(keys), jnp.array(lengths))
-    states, positions, angles = _record(env, controller, begun)
+    states, positions, angles = _record(env, controller, jnp.concatenate(keys), jnp.array(lengths))
     ends = np.asarray(states.time) + 1
     return [
         Swim(
@@ -267,11 +295,14 @@ def record_swims(
 
 
 @eqx.filter_jit
-def _record(env: SCLD, controller: Controller, states: State) -> tuple[State, Array, Array]:
-    """The states (batch first) when all have ended, positions and angles (time first) until then.
+def _record(
+    env: SCLD, controller: Controller, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]
+) -> tuple[State, Array, Array]:
+    """Episodes from their resets: the last states, and positions and angles (time first) till then.
 
     A chain stays as it is once its episode has ended.
     """
+    states = jax.vmap(env.reset)(keys, lengths)
     act, step = jax.vmap(controller.act), jax.vmap(env.step)
 
     def keep(log: tuple[Array, Array], now: Array, states: State) -> tuple[Array, Array]:

@@ -124,7 +124,7 @@ def where(flag: jax.Array, one: Any, other: Any, axis: int = 0) -> Any:
     """For each chain of the batch, the arrays of `one` where the flag is true, else of `other`."""
 
     def pick(x: jax.Array, y: jax.Array) -> jax.Array:
-        across = flag.reshape(flag.shape + (1,) * (x.ndim - 1)) if axis == 0 else flag
+        across = flag.reshape(flag.shape + (1,) * (x.ndim - flag.ndim)) if axis == 0 else flag
         return jnp.where(across, x, y)
 
     return jax.tree.map(pick, one, other)

@@ -37,6 +37,7 @@ class Chain(eqx.Module):
     rest_angle: Float[Array, "link 2"]  # rad, link angle minus the angle of its two units at rest
     present: Bool[Array, " unit"]
     linked: Bool[Array, " link"]
+    touching: Bool[Array, ""]  # whether some two units pushed each other in the last control step
 
     @property
     def joined(self) -> Bool[Array, "link *batch"]:
@@ -111,6 +112,7 @@ def at_rest(
         rest_angle=sides,
         present=ones if present is None else present,
         linked=ones[1:] if linked is None else linked,
+        touching=jnp.zeros((), bool),
     )
 
 
@@ -143,28 +145,17 @@ def step(
     the last axis, and contact costs nothing while no pair of units in the batch is near.
     """
     moved = _step(contact, chain, thrust, physics or Physics(), fence)
-    return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links)), chain, moved)
-
-
-def touching(chain: Chain, physics: Physics | None = None) -> Bool[Array, ""]:
-    """Whether the boxes of some two units are closer than the contact gap, or overlap."""
-    return _touching(None, chain, physics or Physics())
-
-
-@over_the_batch
-def _touching(_: None, chain: Chain, physics: Physics) -> Array:
-    rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, None)
-    return crowd.touching(rig, _motion(chain.units, chain.present))
+    return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links, c.touching)), chain, moved)
 
 
 @over_the_batch
 def _step(contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any) -> list[Array]:
-    """The fields of units and links after `step`, for a batch whose axis is last in every array."""
+    """Fields of units and links, and `touching`, after `step`; the batch last in every array."""
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     moved = crowd.advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
-    return [*_fields(moved.units), *_fields(moved.links)]
+    return [*_fields(moved.units), *_fields(moved.links), moved.touching]
 
 
 def _motion(bodies: Bodies, alive: Array) -> Motion:

@@ -55,21 +55,6 @@ def contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
     return Load(total[:2], total[2])
 
 
-def meet(rig: Any, pairs: Pairs, units: Motion) -> Bool[Array, " batch"]:
-    """Chains in which the boxes of some pair are closer than the gap, or overlap."""
-    half = (rig.physics.unit_length / 2, rig.physics.unit_width / 2)
-    turn = _turn(units)
-
-    def look(index: Array, met: Array) -> Array:
-        some = _listed(rig, pairs, units, index)
-        boxes = (half, some.offset, _at(turn, some.first), _at(turn, some.second))
-        gap = _closest(*boxes, some.never)[0]
-        close = (gap <= rig.physics.contact_gap) | _overlap(*boxes)
-        return met | (some.near & close).any(axis=0)
-
-    return jax.lax.fori_loop(0, pairs.lists, look, jnp.zeros(units.angle.shape[-1], bool))
-
-
 class Listed(NamedTuple):
     """The pairs of one list, and how they lie."""
 

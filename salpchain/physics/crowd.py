@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo
-from salpchain.physics.contact import Pairs, contact_load, meet, touching_distance
+from salpchain.physics.contact import Pairs, contact_load, touching_distance
 from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
 # How much closer two units may come in one control step, beyond what their speeds bring them
@@ -57,21 +57,8 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
 
 def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Moved) -> Moved:
     apart = rig.joined & ~_held_near(rig, units, free, PRESSED)
-    pairs = _near_pairs(rig, units, rig.physics.control_step, apart)
+    pairs = _near_pairs(rig, units, apart)
     return run_substeps(rig, units, links, push, partial(contact_load, rig, pairs))
-
-
-def touching(rig: Rig, units: Motion) -> Bool[Array, " batch"]:
-    """Chains in which some two units exert contact on each other, or cross."""
-    batch = units.angle.shape[-1]
-    place, far = _scattered(rig, units), touching_distance(rig.physics)
-
-    def look(chosen: Int[Array, " some"]) -> Bool[Array, " some"]:
-        few_rig, few = _take((rig, units), chosen, batch)
-        return meet(few_rig, _near_pairs(few_rig, few, 0.0, jnp.zeros_like(few_rig.joined)), few)
-
-    near = _some_within(place, jnp.broadcast_to(far, batch), 1)
-    return redo(near, jnp.zeros(batch, bool), look, _chunk(batch))
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
@@ -166,13 +153,13 @@ def _far_units_near(
     apart = np.triu(np.ones((len(radius), len(radius)), bool), 2)[..., None]
     gap = jnp.sqrt(_square(centre[:, :, None] - centre[:, None]))
     near = (apart & (gap < radius[:, None] + radius + reach)).any(axis=(0, 1))
-    return jax.lax.cond(near.any(), lambda: _some_within(place, reach, 2), lambda: near)
+    return jax.lax.cond(near.any(), lambda: _some_within(place, reach), lambda: near)
 
 
 def _some_within(
-    place: Float[Array, "2 unit batch"], reach: Float[Array, " batch"], nearest: int
+    place: Float[Array, "2 unit batch"], reach: Float[Array, " batch"]
 ) -> Bool[Array, " batch"]:
-    """Chains in which some two units `nearest` slots apart or more are within reach (m)."""
+    """Chains in which some two units that are no neighbours are within reach (m)."""
     num, batch = place.shape[1:]
     twice = jnp.concatenate([place, place], axis=1)
 
@@ -180,7 +167,7 @@ def _some_within(
         other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
         return near | (_square(other - place) < reach**2).any(axis=0)
 
-    return jax.lax.fori_loop(nearest, num // 2 + 1, look, jnp.zeros(batch, bool))
+    return jax.lax.fori_loop(2, num // 2 + 1, look, jnp.zeros(batch, bool))
 
 
 def _blocks(
@@ -203,13 +190,13 @@ def _square(vector: Array) -> Array:
     return vector[0] ** 2 + vector[1] ** 2
 
 
-def _near_pairs(rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link batch"]) -> Pairs:
-    """The pairs of units that may touch within some time (s).
+def _near_pairs(rig: Rig, units: Motion, apart: Bool[Array, "link batch"]) -> Pairs:
+    """The pairs of units that may touch in this control step.
 
     Two neighbours that are known to stay `apart` are left out.
     """
     num, batch = units.angle.shape
-    near = _may_touch(rig, units, time, apart)
+    near = _may_touch(rig, units, apart)
 
     def places(near: Bool[Array, " pair"]) -> Int[Array, " pair"]:
         return jnp.nonzero(near, size=near.shape[0], fill_value=-1)[0]
@@ -222,18 +209,18 @@ def _near_pairs(rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link bat
 
 
 def _may_touch(
-    rig: Rig, units: Motion, time: Any, apart: Bool[Array, "link batch"]
+    rig: Rig, units: Motion, apart: Bool[Array, "link batch"]
 ) -> Bool[Array, "pair batch"]:
     """For every two units (in order of slots apart, counted round) whether they may touch."""
     num, batch = units.angle.shape
-    state = jnp.concatenate([_scattered(rig, units), units.velocity * time])
+    way = units.velocity * rig.physics.control_step
+    state = jnp.concatenate([_scattered(rig, units), way])
     twice = jnp.concatenate([state, state], axis=1)
-    slack = jnp.where(jnp.asarray(time) > 0, SLACK, 0.0)
     apart = jnp.concatenate([apart, jnp.zeros_like(apart[:1])])
 
     def near(shift: Array) -> Array:
         gap = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1) - state
-        reach = touching_distance(rig.physics) + slack + jnp.sqrt(_square(gap[2:]))
+        reach = touching_distance(rig.physics) + SLACK + jnp.sqrt(_square(gap[2:]))
         once = (2 * shift < num) | (jnp.arange(num) < num // 2)  # the far side comes twice
         return (_square(gap) < reach**2) & once[:, None] & ~(apart & (shift == 1))
 

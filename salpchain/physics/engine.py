@@ -63,6 +63,7 @@ class Substate(NamedTuple):
     links: Motion
     half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
     nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours so far
+    touching: Bool[Array, " batch"]  # whether two units have pushed each other so far
 
 
 class Moved(NamedTuple):
@@ -71,6 +72,7 @@ class Moved(NamedTuple):
     units: Motion
     links: Motion
     nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours on the way
+    touching: Bool[Array, " batch"]  # whether two units pushed each other on the way
 
 
 ContactLoad = Callable[[Motion], Load]
@@ -84,15 +86,21 @@ def run_substeps(
     The loop is not unrolled: XLA then fuses the transposes around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
-    state = Substate(units, links, half, jnp.full_like(links.angle, jnp.inf))
+    far, apart = jnp.full_like(links.angle, jnp.inf), jnp.zeros(units.angle.shape[-1], bool)
+    state = Substate(units, links, half, far, apart)
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
-        load = push if contact is None else _sum(push, contact(state.units))
+        load = push
+        if contact is not None:
+            touch = contact(state.units)
+            load = _sum(push, touch)
+            pushed = (touch.force != 0).any(axis=(0, 1))
+            state = state._replace(touching=state.touching | pushed)
         return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return Moved(state.units, state.links, state.nearest)
+    return Moved(state.units, state.links, state.nearest, state.touching)
 
 
 def _sum(one: Load, other: Load) -> Load:
@@ -100,7 +108,7 @@ def _sum(one: Load, other: Load) -> Load:
 
 
 def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
-    units, links, half, nearest = state
+    units, links, half, nearest, touching = state
     ahead = units.position[:, 1:] - units.position[:, :-1]
     nearest = jnp.minimum(nearest, ahead[0] ** 2 + ahead[1] ** 2)
     joints = _joints(rig, units, links, half)
@@ -116,7 +124,8 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     physics = rig.physics
     links = _integrate(rig, links, on_links, physics.link_mass, rig.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, rig.unit_inertia, keep)
-    return Substate(units, links, _turn(half, rig.dt * links.angular_velocity), nearest)
+    half = _turn(half, rig.dt * links.angular_velocity)
+    return Substate(units, links, half, nearest, touching)
 
 
 def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:

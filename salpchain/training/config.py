@@ -83,3 +83,8 @@ class TrainConfig:
     def iterations(self) -> int:
         """Rollouts with their updates."""
         return -(-self.steps // self.ppo.batch)
+
+    @property
+    def total_steps(self) -> int:
+        """Chain-steps of all iterations: `steps` rounded up to whole rollouts."""
+        return self.iterations * self.ppo.batch

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +41,15 @@ class NotFiniteError(RuntimeError):
 
 @dataclass(frozen=True)
 class Progress:
-    """What a watcher of a run is told after each iteration."""
+    """What a watcher of a run is told: once before compilation, then after each iteration."""
 
     steps: int
     total: int
-    steps_per_second: float
-    success: float | None  # share of recent episodes, None before any has ended
-    closed_fraction: float | None
-    seconds_left: float
+    compiling: bool = False
+    steps_per_second: float = 0.0
+    success: float | None = None  # share of recent episodes, None before any has ended
+    closed_fraction: float | None = None
+    seconds_left: float = 0.0
 
 
 Watch = Callable[[Progress], None]
@@ -87,10 +89,11 @@ def train(
     """
     devices = share(config.ppo.envs, use_devices())
     run_folder.create(run, config, devices, device_name())
-    env = SCLD(config.task)
-    learner = place(new_learner(config, env), mesh_of(devices))
+    sitting = Sitting(config, run, SCLD(config.task), devices, watch, save_every)
+    sitting.tell(Progress(0, config.total_steps, compiling=True))
+    learner = place(new_learner(config, sitting.env), mesh_of(devices))
     save_checkpoint(learner, run)
-    return _continue(Sitting(config, run, env, devices, watch, save_every), learner)
+    return _continue(sitting, learner)
 
 
 def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY) -> dict[str, Any]:
@@ -103,13 +106,12 @@ def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
     """
     config, devices = run_folder.read_config(run)
     use_devices(devices)
-    env = SCLD(config.task)
-    if (run / CHECKPOINT_FILE).exists():
-        learner = load_checkpoint(run, jax.eval_shape(lambda: new_learner(config, env)))
-    else:
-        learner = new_learner(config, env)
-    sitting = Sitting(config, run, env, devices, watch, save_every)
-    return _continue(sitting, place(learner, mesh_of(devices)))
+    sitting = Sitting(config, run, SCLD(config.task), devices, watch, save_every)
+    new = partial(new_learner, config, sitting.env)
+    saved = load_checkpoint(run, jax.eval_shape(new)) if (run / CHECKPOINT_FILE).exists() else None
+    done = int(saved.iteration) * config.ppo.batch if saved else 0
+    sitting.tell(Progress(done, config.total_steps, compiling=True))
+    return _continue(sitting, place(saved or new(), mesh_of(devices)))
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,11 @@ class Sitting:
     devices: int
     watch: Watch | None
     save_every: float  # s
+
+    def tell(self, progress: Progress) -> None:
+        """Tells the watcher, if there is one."""
+        if self.watch:
+            self.watch(progress)
 
 
 def _continue(sitting: Sitting, learner: Learner) -> dict[str, Any]:
@@ -158,8 +165,7 @@ def _iterate(
         _check_finite(row, metrics, sitting.run)
         log.add(row)
         recent.add(row)
-        if sitting.watch:
-            sitting.watch(_progress(config, row, recent, clock.pace))
+        sitting.tell(_progress(config, row, recent, clock.pace))
         if stopped():
             break
         if time.monotonic() - saved > sitting.save_every:
@@ -221,9 +227,15 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
 
 def _progress(config: TrainConfig, row: Row, recent: Recent, pace: float) -> Progress:
     success, closed = recent.means()
-    total = config.iterations * config.ppo.batch
     left = (config.iterations - row["iteration"]) * pace
-    return Progress(int(row["steps"]), total, row["steps_per_second"], success, closed, left)
+    return Progress(
+        steps=int(row["steps"]),
+        total=config.total_steps,
+        steps_per_second=row["steps_per_second"],
+        success=success,
+        closed_fraction=closed,
+        seconds_left=left,
+    )
 
 
 def _check_finite(row: Row, metrics: Metrics, run: Path) -> None:

@@ -12,6 +12,8 @@ from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
+from salpchain.training.presets import choose
+from salpchain.training.run_folder import create
 
 
 @pytest.fixture
@@ -28,6 +30,13 @@ def mlp(tmp_path):
     path = tmp_path / "mlp.safetensors"
     save_policy(Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card), path)
     return path
+
+
+@pytest.fixture
+def fresh_run(tmp_path):
+    """A run folder as it is before the first step."""
+    create(tmp_path / "run", choose("quick"), 1, "cpu")
+    return tmp_path / "run"
 
 
 @pytest.fixture
@@ -96,20 +105,33 @@ def test_bad_input_gets_one_line_and_status_2_and_changes_nothing(
     assert (used / "thesis.tex").read_text() == "precious"
 
 
-def test_resume_refuses_settings_that_contradict_the_run(tmp_path, capsys):
-    from salpchain.training.presets import choose
-    from salpchain.training.run_folder import create
-
-    create(tmp_path / "run", choose("quick"), 1, "cpu")
-    before = (tmp_path / "run" / "config.json").read_text()
+def test_resume_refuses_settings_that_contradict_the_run(fresh_run, capsys):
+    before = (fresh_run / "config.json").read_text()
     for words, says in (
         (["--length", "9"], "length is 8 in the run, 9 was given"),
         (["--preset", "paper"], 'preset is "quick" in the run'),
         (["--seed", "3"], "seed is 0"),
     ):
-        assert run(["train", "--resume", "--out", str(tmp_path / "run"), *words]) == 2
+        assert run(["train", "--resume", "--out", str(fresh_run), *words]) == 2
         assert says in capsys.readouterr().err
-    assert (tmp_path / "run" / "config.json").read_text() == before
+    assert (fresh_run / "config.json").read_text() == before
+
+
+def assert_resuming_says_one_line(run_folder, says, capsys):
+    assert run(["train", "--resume", "--out", str(run_folder)]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and says in said.err and "\n" not in said.err.strip()
+
+
+def test_a_damaged_checkpoint_is_named_before_anything_starts(fresh_run, capsys):
+    (fresh_run / "checkpoint.safetensors").write_bytes(b"half a che")
+    assert_resuming_says_one_line(fresh_run, "checkpoint.safetensors", capsys)
+
+
+def test_a_run_of_a_newer_version_is_refused(fresh_run, capsys):
+    config = json.loads((fresh_run / "config.json").read_text())
+    (fresh_run / "config.json").write_text(json.dumps({**config, "format": 99}))
+    assert_resuming_says_one_line(fresh_run, "newer salpchain", capsys)
 
 
 def test_a_full_disk_is_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, capsys, policy):

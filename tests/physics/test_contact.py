@@ -1,6 +1,7 @@
 """Contact of units: the law of two boxes, and which pairs are looked at when."""
 
 import functools
+import itertools
 
 import equinox as eqx
 import jax
@@ -75,6 +76,56 @@ def test_two_free_units_driven_at_each_other_stop_with_a_gap_between_them():
 def test_units_that_cross_exert_nothing_on_each_other():
     after = step_one(pair(0.03), jnp.zeros(2))
     assert largest_difference(after.units, pair(0.03).units) == 0
+
+
+def test_units_touch_where_their_boxes_are_closer_than_the_gap_and_do_not_cross():
+    rng = np.random.default_rng(0)
+    position = rng.uniform(-0.045, 0.045, (400, 2, 2)).astype(np.float32)
+    angle = rng.uniform(0, 2 * np.pi, (400, 2)).astype(np.float32)
+
+    def touching(position, angle):
+        chain = at_rest(position, angle, linked=jnp.zeros(1, bool))
+        return step(chain, jnp.zeros(2)).touching
+
+    found = jax.jit(jax.vmap(touching))(position, angle)
+    gaps = np.array([gap_of_boxes(p, a) for p, a in zip(position, angle, strict=True)])
+    apart = np.linalg.norm(position[:, 0] - position[:, 1], axis=-1)
+    clear = np.abs(gaps - GAP) > 1e-6
+    expected = (gaps > 0) & (gaps <= GAP) & (apart <= np.hypot(0.04, 0.05))
+    np.testing.assert_array_equal(np.asarray(found)[clear], expected[clear])
+    assert 0.05 < expected.mean() < 0.8
+
+
+def gap_of_boxes(position, angle):
+    """Gap of two boxes, 0 where they overlap, from all pairs of their sides."""
+    corners = [place(p, a) for p, a in zip(position.astype(float), angle, strict=True)]
+    sides = [list(zip(c, np.roll(c, -1, 0), strict=True)) for c in corners]
+    pairs = list(itertools.product(*sides))
+    if any(cross(*one, *other) for one, other in pairs):
+        return 0.0
+    return min(
+        min(point_to_side(p, *t) for p in s)
+        for one, other in pairs
+        for s, t in ((one, other), (other, one))
+    )
+
+
+def place(centre, angle):
+    corners = np.array([[0.02, 0.025], [-0.02, 0.025], [-0.02, -0.025], [0.02, -0.025]])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return centre + corners @ turn.T
+
+
+def cross(a, b, c, d):
+    def turn(p, q, r):
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    return turn(a, b, c) * turn(a, b, d) < 0 and turn(c, d, a) * turn(c, d, b) < 0
+
+
+def point_to_side(point, begin, end):
+    share = np.clip((point - begin) @ (end - begin) / ((end - begin) @ (end - begin)), 0, 1)
+    return np.linalg.norm(begin + share * (end - begin) - point)
 
 
 def test_without_contact_units_pass_through_each_other():

@@ -97,7 +97,7 @@ def mirrored(chain) -> Chain:
 
 def reversed_order(chain) -> Chain:
     """The same bodies counted from the other end: a link then points the other way."""
-    chain = jax.tree.map(lambda x: x[::-1], chain)
+    chain = jax.tree.map(lambda x: x[::-1] if x.ndim else x, chain)
     half_turn = chain.links.angle + jnp.pi, chain.rest_angle[:, ::-1] + jnp.pi
     return eqx.tree_at(lambda c: (c.links.angle, c.rest_angle), chain, half_turn)
 

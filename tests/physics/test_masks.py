@@ -15,7 +15,11 @@ step_one, step_all = jax.jit(step), jax.jit(jax.vmap(step))
 def padded(chain: Chain, slots: int) -> Chain:
     """The same chain in a longer row of slots, the others dead and full of zeros."""
     more = slots - len(chain.present)
-    return jax.tree.map(lambda x: jnp.pad(x, [(0, more)] + [(0, 0)] * (x.ndim - 1)), chain)
+
+    def pad(x):
+        return jnp.pad(x, [(0, more)] + [(0, 0)] * (x.ndim - 1)) if x.ndim else x
+
+    return jax.tree.map(pad, chain)
 
 
 def part(chain: Chain, first: int, last: int) -> Chain:
@@ -24,7 +28,7 @@ def part(chain: Chain, first: int, last: int) -> Chain:
     units, present = jax.tree.map(lambda x: x[first:last], units)
     links = (chain.links, chain.rest_angle, chain.linked)
     links, rest_angle, linked = jax.tree.map(lambda x: x[first : last - 1], links)
-    return Chain(units, links, rest_angle, present, linked)
+    return Chain(units, links, rest_angle, present, linked, chain.touching)
 
 
 def stack(chains):

@@ -98,7 +98,9 @@ class VmasChains:
 
 def _chain(units, links, rest_angle) -> Chain:
     present = jnp.ones(units[1].shape, bool)
-    return Chain(Bodies(*units), Bodies(*links), rest_angle, present, present[1:])
+    return Chain(
+        Bodies(*units), Bodies(*links), rest_angle, present, present[1:], jnp.zeros((), bool)
+    )
 
 
 def _tensor(array):
