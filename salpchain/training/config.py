@@ -18,7 +18,7 @@ class PPOConfig:
     envs: int = 256  # chains that swim at once
     rollout: int = 64  # control steps of each between two updates
     minibatch: int = 2048  # chain-steps in one gradient step
-    epochs: int = 4  # passes over a rollout
+    epochs: int = 3  # passes over a rollout
     learning_rate: float = 5e-4  # of Adam
     final_rate: float = 0.1  # share of the learning rate left at the end, linear in between
     clip: float = 0.2
