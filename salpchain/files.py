@@ -46,6 +46,19 @@ def _write_beside(path: Path, content: bytes) -> None:
         raise
 
 
+def make_writable(folder: Path) -> None:
+    """The folder, made if it is missing, after a file was written there and taken away.
+
+    Raises:
+        OSError: it cannot be made, or written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from None
+
+
 def write_text(path: Path, content: str) -> None:
     """`write_bytes` of UTF-8 text."""
     write_bytes(path, content.encode())
@@ -66,7 +79,7 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"no such file: {path}") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path} is not valid JSON ({error})") from None
 
 
@@ -74,7 +87,8 @@ def write_arrays(
     path: Path, kind: str, version: int, header: Mapping[str, Any], arrays: Arrays
 ) -> None:
     """Named arrays with a JSON header and a checksum, as one safetensors file."""
-    about = {"kind": kind, "version": version, "header": header, "sha256": _digest(arrays)}
+    about = {"kind": kind, "version": version, "header": header}
+    about["sha256"] = _digest(about, arrays)
     write_bytes(path, save(arrays, metadata={_HEADER: json.dumps(about)}))
 
 
@@ -100,7 +114,7 @@ def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Ar
         arrays = load(content)
     except SafetensorError as error:
         raise InputError(f"{path} is damaged or cut short ({error})") from None
-    if _digest(arrays) != about["sha256"]:
+    if _digest({key: about[key] for key in about if key != "sha256"}, arrays) != about["sha256"]:
         raise InputError(f"{path} was altered or damaged: its checksum does not match its content")
     return about["header"], arrays
 
@@ -110,17 +124,20 @@ def _about(path: Path, kind: str, content: bytes) -> dict[str, Any]:
     try:
         size = int.from_bytes(content[:8], "little")
         about = json.loads(json.loads(content[8 : 8 + size])["__metadata__"][_HEADER])
-        good = about["kind"] == kind and isinstance(about["version"], int)
+        found, good = about["kind"], type(about["version"]) is int and about["version"] > 0
         good = good and {"header", "sha256"} <= about.keys()
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path} is not a salpchain {kind}, or is cut short") from None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        good, found = False, kind
+    if found != kind:
+        raise InputError(f"{path} is a salpchain {found}, not a {kind}")
     if not good:
-        raise InputError(f"{path} is a salpchain {about.get('kind')}, not a {kind}")
+        raise InputError(f"{path} is not a salpchain {kind}, or is cut short")
     return about
 
 
-def _digest(arrays: Arrays) -> str:
-    digest = hashlib.sha256()
+def _digest(about: Mapping[str, Any], arrays: Arrays) -> str:
+    """Of everything that the file says: its kind, version, header and arrays."""
+    digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]
         digest.update(f"{name}{array.dtype}{array.shape}".encode())

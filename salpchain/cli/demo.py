@@ -24,8 +24,8 @@ class Demo:
 
     out: Folder = "demo"
     """Folder for the run, the evaluation and the figures."""
-    seed: Whole = "0"
-    """Seed of the training."""
+    seed: Whole = ""
+    """Seed of the training. Default: 0."""
     steps: Whole = ""
     """Chain-steps of training. Default: the preset's."""
     lengths: Lengths = "4,8,16,24,32,40,48,56,64"
@@ -49,13 +49,14 @@ def run(options: Demo) -> int:
 
 def _train(options: Demo, run: Path) -> int:
     """Trains, or goes on with a training that was interrupted; nothing if it is whole."""
-    if (run / run_folder.SUMMARY_FILE).exists():
-        print(f"{run} is trained already")
-        return 0
     resume = (run / run_folder.CONFIG_FILE).exists()
     asked = train_command.Train(
         out=str(run), preset="quick", seed=options.seed, steps=options.steps, resume=resume
     )
+    if (run / run_folder.SUMMARY_FILE).exists():
+        train_command.settings(asked, run)
+        print(f"{run} is trained already")
+        return 0
     return train_command.run(asked)
 
 

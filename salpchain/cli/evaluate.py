@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Lengths, Whole, number, positive
-from salpchain.domain.config import TIME_LIMITS, one_of
+from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
+from salpchain.files import make_writable
 
 if TYPE_CHECKING:
     from salpchain.control.policy import Controller
@@ -45,12 +46,13 @@ def run(options: Evaluate) -> None:
         raise InputError("salpchain evaluate needs a run folder or a policy, e.g. runs/eight")
     lengths = parse_lengths(options.lengths)
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
+    check_seed(seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
     controller = controller_of(options.policy)
     for length in lengths:
         controller.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
-    out.mkdir(parents=True, exist_ok=True)
+    make_writable(out)
     from salpchain.cli.display import share_display
     from salpchain.evaluation.evaluate import evaluate, table
     from salpchain.training.devices import use_devices

@@ -27,6 +27,9 @@ ADVICE = {
     errno.ENOSPC: " (free some space, then try again)",
     errno.EDQUOT: " (free some space, then try again)",
     **dict.fromkeys(
+        (errno.EEXIST, errno.ENOTDIR), " (a file is in the way: choose another folder)"
+    ),
+    **dict.fromkeys(
         (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS),
         " (choose a folder that can be written)",
     ),
@@ -64,6 +67,9 @@ def run(arguments: list[str]) -> int:
     """Runs a command line; returns the exit status."""
     try:
         return _dispatch(arguments)
+    except KeyboardInterrupt:
+        print("salpchain: interrupted", file=sys.stderr)
+        return 130
     except InputError as error:
         return _fail(str(error))
     except OSError as error:

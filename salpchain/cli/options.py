@@ -11,6 +11,8 @@ Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 Folder = Annotated[str, tyro.conf.arg(metavar="FOLDER")]
 Lengths = Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")]
 
+MOST = 1_000_000  # trials or chains that one may ask for (chosen)
+
 
 def whole(name: str, text: str) -> int | None:
     """The whole number that an option holds; None where it was left out.
@@ -35,8 +37,8 @@ def number(name: str, text: str) -> int:
 
 
 def positive(name: str, text: str) -> int:
-    """`number`, at least 1."""
+    """`number`, at least 1 and at most a million."""
     value = number(name, text)
-    if value < 1:
-        raise InputError(f"--{name} must be at least 1, got {value}")
+    if not 1 <= value <= MOST:
+        raise InputError(f"--{name} must be at least 1 and at most {MOST:,}, got {value}")
     return value

@@ -47,7 +47,7 @@ def run(options: Train) -> int:
     if not options.out:
         raise InputError("salpchain train needs --out FOLDER, the folder of the run")
     folder = Path(options.out)
-    config = _config(options, folder)
+    config = settings(options, folder)
     if not options.resume:
         run_folder.check_free(folder)
     from salpchain.cli.display import training_display
@@ -57,7 +57,7 @@ def run(options: Train) -> int:
         with training_display(config) as watch:
             summary = resume(folder, watch) if options.resume else train(config, folder, watch)
     except KeyboardInterrupt:
-        print(f"stopped; saved. Go on with: salpchain train --resume --out {folder}")
+        print(f"stopped. Go on with: salpchain train --resume --out {folder}")
         return 130
     except NotFiniteError as error:
         print(f"salpchain: error: {error}", file=sys.stderr)
@@ -75,7 +75,12 @@ def _asked(options: Train) -> dict[str, Any]:
     }
 
 
-def _config(options: Train, folder: Path) -> TrainConfig:
+def settings(options: Train, folder: Path) -> TrainConfig:
+    """The settings of the run that the options ask for; of the run itself where it goes on.
+
+    Raises:
+        InputError: a setting that cannot be, or that contradicts the run's.
+    """
     asked = _asked(options)
     if not options.resume:
         return presets.choose(options.preset or "quick", **asked)

@@ -57,5 +57,5 @@ def _card(header: dict[str, Any], path: Path) -> PolicyCard:
     try:
         control = ControlConfig(**header["control"])
         return PolicyCard(**{**{k: header[k] for k in known}, "control": control})
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, InputError) as error:
         raise InputError(f"{path} has a header that does not describe a policy ({error})") from None

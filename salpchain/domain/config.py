@@ -50,6 +50,17 @@ def check_length(length: int) -> int:
     return length
 
 
+def check_seed(seed: int) -> int:
+    """The seed itself.
+
+    Raises:
+        InputError: it is not one of the 2^32 seeds that start different random numbers.
+    """
+    if not 0 <= seed < 2**32:
+        raise InputError(f"seed must be 0 to {2**32 - 1}, got {seed}")
+    return seed
+
+
 def one_of(what: str, given: object, known: object) -> None:
     """Nothing, if `given` is among the known names.
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller
-from salpchain.domain.config import LONGEST, TaskConfig, check_length, step_limit
+from salpchain.domain.config import LONGEST, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
@@ -80,6 +80,7 @@ def run_trials(
     """
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
+    check_seed(seed)
     env = _domain(controllers, length, time_limit)
     limit = step_limit(time_limit, length)
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
@@ -92,12 +93,12 @@ def run_trials(
         ended.append(_measures(env, _play_out(env, controllers, begun, limit, share)))
     values = {name: np.concatenate([m[name] for m in ended])[:trials] for name in ended[0]}
     about = {"length": length, "trial": np.arange(trials), "seed": seed, "time_limit": time_limit}
-    return [
-        pd.DataFrame(
-            {"policy": controller.card.name, **about, **{k: x[:, i] for k, x in values.items()}}
-        )
-        for i, controller in enumerate(controllers)
-    ]
+    own = [{k: x[:, i] for k, x in values.items()} for i in range(len(controllers))]
+    return [_frame(c.card.name, about, mine) for c, mine in zip(controllers, own, strict=True)]
+
+
+def _frame(policy: str, about: dict[str, Any], values: dict[str, Any]) -> pd.DataFrame:
+    return pd.DataFrame({"policy": policy, **about, **values})
 
 
 def _domain(controllers: Sequence[Controller], length: int, time_limit: str) -> SCLD:

@@ -127,13 +127,21 @@ def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
 
 def _settings(run: Path) -> dict[str, Any]:
     content = read_json(run / "config.json")
-    return dict(content.get("config", content))
+    if not (isinstance(content, dict) and isinstance(content.get("config"), dict)):
+        raise InputError(f"{run / 'config.json'} does not describe a run")
+    return dict(content["config"])
 
 
 def _read_log(run: Path) -> pd.DataFrame:
     if not (run / "metrics.csv").is_file():
         raise InputError(f"{run} has no metrics.csv: give the folder of a training run")
-    return pd.read_csv(run / "metrics.csv")
+    try:
+        log = pd.read_csv(run / "metrics.csv")
+    except (pd.errors.EmptyDataError, pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise InputError(f"{run / 'metrics.csv'} is not the log of a run ({error})") from None
+    if not {"steps", "episodes", "success", "closed_fraction"} <= set(log.columns):
+        raise InputError(f"{run / 'metrics.csv'} is not the log of a run: columns are missing")
+    return log
 
 
 def _flatten(values: dict[str, Any], before: str = "") -> dict[str, Any]:
@@ -211,9 +219,21 @@ def zero_shot(evaluations: Sequence[Path], out: Path) -> list[Path]:
 def _read_evaluation(path: Path) -> dict[str, Any]:
     path = path / "evaluation.json" if path.is_dir() else path
     content = read_json(path)
-    if not (isinstance(content, dict) and {"policy", "lengths", "time_limit"} <= content.keys()):
+    if not (isinstance(content, dict) and _is_evaluation(content)):
         raise InputError(f"{path} is not an evaluation: make one with salpchain evaluate")
     return content
+
+
+def _is_evaluation(content: dict[str, Any]) -> bool:
+    """Whether all is there that the figure draws."""
+    drawn = {"length", "success", "closed_fraction", "reachable"}
+    entries = content.get("lengths")
+    return (
+        {"policy", "time_limit"} <= content.keys()
+        and isinstance(entries, list)
+        and bool(entries)
+        and all(isinstance(entry, dict) and drawn <= entry.keys() for entry in entries)
+    )
 
 
 def _limit_name(summary: dict[str, Any], mixed: bool) -> str:
@@ -300,10 +320,14 @@ def _legend_below(figure: Figure, panel: Axes) -> None:
 def _save(figure: Figure, out: Path) -> list[Path]:
     """The figure at `out`, as PNG and PDF: whole or not there, and the same bytes each time."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    paths = []
+    drawn = {}
     for kind, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
         content = io.BytesIO()
         figure.savefig(content, format=kind, metadata=metadata)
-        paths.append(out.with_suffix(f".{kind}"))
-        write_bytes(paths[-1], content.getvalue())
-    return paths
+        path = out.with_suffix(f".{kind}")
+        if path.is_dir():
+            raise InputError(f"{path} is a folder: choose another name for the figure")
+        drawn[path] = content.getvalue()
+    for path, content in drawn.items():
+        write_bytes(path, content)
+    return list(drawn)

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field
 
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
-from salpchain.domain.config import TaskConfig
+from salpchain.domain.config import TaskConfig, check_seed
 from salpchain.errors import InputError
+
+MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class TrainConfig:
     """One training run, whole.
 
     Raises:
-        InputError: fewer steps than one rollout.
+        InputError: a number of steps or a seed that cannot be.
     """
 
     task: TaskConfig = field(default_factory=TaskConfig)
@@ -67,10 +69,9 @@ class TrainConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise InputError(f"steps must be positive, got {self.steps}")
-        if self.seed < 0:
-            raise InputError(f"seed must be 0 or more, got {self.seed}")
+        if not 1 <= self.steps <= MOST_STEPS:
+            raise InputError(f"steps must be positive, at most {MOST_STEPS:,}, got {self.steps}")
+        check_seed(self.seed)
 
     @property
     def name(self) -> str:

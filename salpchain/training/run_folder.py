@@ -81,9 +81,12 @@ def read_config(run: Path) -> tuple[TrainConfig, int]:
     try:
         if content["format"] > FORMAT:
             raise InputError(f"{run} was made by a newer salpchain: upgrade salpchain")
-        return train_config(content["config"]), int(content["devices"])
-    except (KeyError, TypeError) as error:
+        config, devices = train_config(content["config"]), content["devices"]
+        if type(devices) is not int or devices < 1:
+            raise TypeError(f"devices is {devices!r}")
+    except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{run / CONFIG_FILE} does not describe a run ({error})") from None
+    return config, devices
 
 
 def train_config(values: dict[str, Any]) -> TrainConfig:
@@ -138,9 +141,12 @@ def _cell(value: float) -> str:
 def _read_rows(path: Path, keep: int) -> list[dict[str, str]]:
     if not path.exists():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if None not in row.values()]
-    return [row for row in rows if int(row["iteration"]) <= keep]
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if None not in row.values()]
+        return [row for row in rows if int(row["iteration"]) <= keep]
+    except (UnicodeDecodeError, ValueError, KeyError, csv.Error) as error:
+        raise InputError(f"{path} is not a log of a run ({error}): delete it to go on") from None
 
 
 def _as_csv(rows: list[dict[str, str]]) -> str:

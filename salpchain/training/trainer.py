@@ -69,6 +69,11 @@ class Recent:
         while sum(r[0] for r in list(self.rollouts)[1:]) >= RECENT:
             self.rollouts.popleft()
 
+    @property
+    def whole(self) -> bool:
+        """Whether there have been `RECENT` episodes; the first ones to end are the short ones."""
+        return sum(r[0] for r in self.rollouts) >= RECENT
+
     def means(self) -> tuple[float | None, float | None]:
         """Success and closed fraction, or None before any episode has ended."""
         episodes = sum(r[0] for r in self.rollouts)
@@ -273,12 +278,12 @@ def _summary(config: TrainConfig, rows: list[dict[str, str]]) -> dict[str, Any]:
         row = {name: float(value or "nan") for name, value in text.items()}
         recent.add(row)
         success = recent.means()[0]
-        if first is None and success is not None and success >= 0.95:
+        if first is None and recent.whole and success is not None and success >= 0.95:
             first = {"steps": int(row["steps"]), "seconds": round(row["seconds"], 1)}
     success, closed = recent.means()
     return {
-        "steps": int(rows[-1]["steps"]),
-        "seconds": round(float(rows[-1]["seconds"]), 1),
+        "steps": config.total_steps,
+        "seconds": round(float(rows[-1]["seconds"]), 1) if rows else None,
         "success": success,
         "closed_fraction": closed,
         "reached_95_percent": first,

@@ -130,11 +130,34 @@ def test_nothing_to_draw_is_an_error_that_says_what_is_needed(draw, tmp_path):
         draw([], tmp_path / "x")
 
 
+@pytest.mark.parametrize("content", ["", "a,b\n1,2\n", b"\xff\xfe\x00"])
+def test_a_damaged_log_is_refused_by_name(tmp_path, content):
+    run = make_run(tmp_path / "run", 0)
+    (run / "metrics.csv").write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError, match=r"metrics\.csv is not the log of a run"):
+        learning_curves([run], tmp_path / "x")
+
+
+def test_a_figure_is_whole_or_not_there(tmp_path):
+    run = make_run(tmp_path / "run", 0)
+    (tmp_path / "half.pdf").mkdir()
+    with pytest.raises(InputError, match=r"half\.pdf is a folder"):
+        learning_curves([run], tmp_path / "half.png")
+    assert not (tmp_path / "half.png").exists()
+
+
 def test_what_is_no_run_or_no_evaluation_is_refused(tmp_path):
+    run = make_run(tmp_path / "run", 0)
+    (run / "metrics.csv").unlink()
     (tmp_path / "config.json").write_text("{}")
+    empty = {"policy": "x", "time_limit": "fixed", "lengths": []}
+    (tmp_path / "empty.json").write_text(json.dumps(empty))
     with pytest.raises(InputError, match=r"no metrics\.csv"):
+        learning_curves([run], tmp_path / "x")
+    with pytest.raises(InputError, match="does not describe a run"):
         learning_curves([tmp_path], tmp_path / "x")
-    with pytest.raises(InputError, match="is not an evaluation"):
-        zero_shot([tmp_path / "config.json"], tmp_path / "x")
+    for name in ("config.json", "empty.json"):
+        with pytest.raises(InputError, match="is not an evaluation"):
+            zero_shot([tmp_path / name], tmp_path / "x")
     with pytest.raises(InputError, match="no such file"):
         zero_shot([tmp_path / "missing.json"], tmp_path / "x")
