@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from salpchain.cli.options import Folder, Lengths, Whole, number, positive
+from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 class Evaluate:
     """Test a policy, unchanged, on chains of many lengths, beside the greedy baseline.
 
-    Every length is played from the same random starts, whatever the policy. Writes evaluation.csv
-    (a row for each trial) and evaluation.json (means, medians and 95 % intervals by length).
+    Every length is played from the same random starts, whatever the policy. A row for each trial
+    goes to evaluation.csv, means, medians and 95 % intervals by length to evaluation.json.
 
     Example: salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
     """
 
-    policy: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="RUN_OR_POLICY")]] = ""
+    policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
     """A run folder, a policy.safetensors, or greedy."""
     lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
     trials: Whole = "50"
     """Episodes of each length."""
-    time_limit: Annotated[str, tyro.conf.arg(metavar="fixed|scaled")] = "fixed"
+    time_limit: Annotated[str, text_option("fixed|scaled")] = "fixed"
     """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""

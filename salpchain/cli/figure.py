@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.cli.options import text_option
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 
@@ -23,11 +24,11 @@ class Figure:
     Example: salpchain figure zero-shot results/eight --out figures/zero-shot.png
     """
 
-    kind: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="learning|zero-shot")]] = ""
+    kind: tyro.conf.Positional[Annotated[str, text_option("learning|zero-shot")]] = ""
     """What to draw."""
-    sources: tyro.conf.Positional[tuple[str, ...]] = ()
+    sources: tyro.conf.Positional[Annotated[tuple[str, ...], text_option("FOLDER")]] = ()
     """Run folders (learning), or evaluations (zero-shot)."""
-    out: Annotated[str, tyro.conf.arg(metavar="FILE.png")] = ""
+    out: Annotated[str, text_option("FILE.png")] = ""
     """The picture; the PDF is written beside it. Default: KIND.png in the working folder."""
 
 

@@ -7,6 +7,7 @@ import io
 import os
 import re
 import sys
+import textwrap
 from importlib import import_module
 from typing import Any
 
@@ -34,6 +35,8 @@ ADVICE = {
         " (choose a folder that can be written)",
     ),
 }
+
+WIDTH = 79  # columns of a page of help
 
 HELP = """usage: salpchain COMMAND [OPTIONS]
 
@@ -108,9 +111,10 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
     """
     import tyro
 
+    page = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding)
     said = io.StringIO()
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(page), contextlib.redirect_stderr(said):
             options, odd = tyro.cli(
                 kind,
                 prog=f"salpchain {name}",
@@ -120,12 +124,24 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
             )
     except SystemExit as stop:
         if not stop.code:
+            page.seek(0)
+            print(_wrapped(page.read()))
             return None
         raise InputError(f"salpchain {name}: {_one_line(said.getvalue())}") from None
     if odd:
         names = [f"--{field}".replace("_", "-") for field in kind.__dataclass_fields__]
         raise InputError(f"salpchain {name}: unknown argument {odd[0]!r}{_close(odd[0], names)}")
     return options
+
+
+def _wrapped(page: str) -> str:
+    """The page with long lines of text broken; examples stay whole, to be copied."""
+
+    def wrapped(line: str) -> str:
+        text = line[:1].isalnum() and not line.startswith("Example")
+        return textwrap.fill(line, WIDTH) if text else line
+
+    return "\n".join(map(wrapped, page.splitlines()))
 
 
 def _one_line(box: str) -> str:

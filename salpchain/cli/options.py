@@ -1,15 +1,25 @@
 """What several commands read from their options."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
 from salpchain.errors import InputError
 
-Whole = Annotated[str, tyro.conf.arg(metavar="INT")]
-Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
-Folder = Annotated[str, tyro.conf.arg(metavar="FOLDER")]
-Lengths = Annotated[str, tyro.conf.arg(metavar="FIRST:LAST:STEP | N,N,...")]
+
+def text_option(metavar: str) -> Any:
+    """An option read as text; a default of nothing is not shown."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=_default)
+
+
+def _default(shown: str) -> str:
+    return "" if shown in ("", "''", "()") else f"(default: {shown})"
+
+
+Whole = Annotated[str, text_option("INT")]
+Name = Annotated[str, text_option("NAME")]
+Folder = Annotated[str, text_option("FOLDER")]
+Lengths = Annotated[str, text_option("FIRST:LAST:STEP | N,N,...")]
 
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)
 

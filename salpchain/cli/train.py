@@ -16,8 +16,8 @@ class Train:
     """Train one controller on chains of one length with PPO.
 
     The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
-    checkpoint, policy.safetensors and summary.json. A run that was stopped or killed goes on with
-    --resume, bit for bit as if it had never stopped.
+    checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
+    bit for bit as if it had never stopped.
 
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
     """
@@ -37,7 +37,7 @@ class Train:
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all. Default: the preset's (quick: 750,000)."""
+    """Chain-steps in all, rounded up to whole rollouts. Default: the preset's (quick: 750000)."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 

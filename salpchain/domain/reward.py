@@ -16,7 +16,7 @@ class Terms(eqx.Module):
 
     approach: Float[Array, ""]  # m, decrease of the mean distance to the target (equation 6)
     goal: Float[Array, ""]  # 1 where the target pose is taken (equation 7)
-    fine: Float[Array, ""]  # decrease of the log distance: ours, potential-based shaping
+    fine: Float[Array, ""]  # decrease of the log distance: ours, an undiscounted potential
 
 
 class Distances(eqx.Module):

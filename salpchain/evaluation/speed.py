@@ -71,9 +71,10 @@ def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
 def ratio(one: str, other: str, length: int, envs: int, devices: int = 1) -> float:
     """How many times faster one part is than another: the median over runs in turn.
 
-    In turn, because a machine that others share has slow spells.
+    In turn, because a machine that others share has slow spells; every run from the same straight
+    chains at rest, because chains under random thrust fold in time and touch.
     """
-    parts = [prepare(part, length, envs, devices) for part in (one, other)]
+    parts = [prepare(part, length, envs, devices, onward=False) for part in (one, other)]
     pairs = [[part.again() for part in parts] for _ in range(PAIRS)]
     return statistics.median(first / second for first, second in pairs)
 
@@ -87,8 +88,11 @@ class Ready:
     again: Callable[[], float]  # one more timed run: chain-steps per second
 
 
-def prepare(part: str, length: int, envs: int, devices: int) -> Ready:
-    """The part, compiled, with so many steps in a run that it takes the target time."""
+def prepare(part: str, length: int, envs: int, devices: int, onward: bool = True) -> Ready:
+    """The part, compiled, with so many steps in a run that it takes the target time.
+
+    A run goes on where the one before ended if it is to go `onward`, else from the start.
+    """
     advance, contact = PARTS[part]
     env = SCLD(TaskConfig(length=length, contact=contact))
     mesh = mesh_of(devices)
@@ -98,12 +102,13 @@ def prepare(part: str, length: int, envs: int, devices: int) -> Ready:
     started = time.perf_counter()
     run = _compiled(env, advance, mesh, states)
     compile_seconds = time.perf_counter() - started
-    states, first = _timed(run, states, FIRST_STEPS)
+    _, first = _timed(run, states, FIRST_STEPS)
     steps = max(FIRST_STEPS, int(FIRST_STEPS * TARGET_SECONDS / first))
 
     def again() -> float:
         nonlocal states
-        states, seconds = _timed(run, states, steps)
+        after, seconds = _timed(run, states, steps)
+        states = after if onward else states
         return envs * steps / seconds
 
     return Ready(envs, compile_seconds, again)
