@@ -16,7 +16,7 @@ from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_trials
-from salpchain.files import write_json, write_text
+from salpchain.files import make_writable, write_json, write_text
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
@@ -51,7 +51,7 @@ def evaluate(
     if baseline and not isinstance(controller, Greedy):
         controllers.append(Greedy(controller.card.observation, controller.card.action))
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        make_writable(out)
     frames = _play(controllers, sorted(set(lengths)), trials, time_limit, seed, progress)
     summary = {**summarise(frames[0]), "card": controller.card.as_dict()}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
