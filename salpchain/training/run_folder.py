@@ -22,6 +22,7 @@ CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
 SUMMARY_FILE = "summary.json"
 FORMAT = 1
+NEEDED = {"iteration", "steps", "seconds", "episodes", "success", "closed_fraction"}
 PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
 
 
@@ -144,8 +145,13 @@ def _read_rows(path: Path, keep: int) -> list[dict[str, str]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = [row for row in csv.DictReader(file) if None not in row.values()]
+        for row in rows:
+            missing = NEEDED - row.keys()
+            if missing:
+                raise ValueError(f"no column {sorted(missing)[0]!r}")
+            _ = [float(cell or "nan") for cell in row.values()]
         return [row for row in rows if int(row["iteration"]) <= keep]
-    except (UnicodeDecodeError, ValueError, KeyError, csv.Error) as error:
+    except (TypeError, ValueError, csv.Error) as error:
         raise InputError(f"{path} is not a log of a run ({error}): delete it to go on") from None
 
 

@@ -1,6 +1,7 @@
 """What a user meets on the command line; most cases in this process, for speed."""
 
 import json
+import signal
 import subprocess
 import sys
 
@@ -165,6 +166,27 @@ def test_evaluate_writes_both_files_in_the_stated_form(policy, tmp_path, capsys)
         assert {"mean", "median", "iqm", "low", "high"} <= row["closed_fraction"].keys()
     rows = (out / "evaluation.csv").read_text().splitlines()
     assert len(rows) == 1 + 2 * 2 * 3  # both policies at both lengths
+
+
+def test_ctrl_c_in_an_evaluation_is_one_line_and_writes_nothing(tmp_path):
+    words = ["evaluate", "greedy", "--lengths", "4:64:4", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "salpchain.cli.main", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline().startswith("testing")
+    process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=120)[1]
+    assert process.returncode == 130 and said.strip() == "salpchain: interrupted"
+    assert not any((tmp_path / "out").glob("*"))
+
+
+def test_a_demo_asked_for_another_run_than_its_finished_one_is_refused(tmp_path, capsys):
+    create(tmp_path / "demo" / "run", choose("quick"), 1, "cpu")
+    (tmp_path / "demo" / "run" / "summary.json").write_text("{}")
+    assert run(["demo", "--seed", "5", "--out", str(tmp_path / "demo")]) == 2
+    assert "seed is 0 in the run, 5 was given" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "demo").iterdir()] == ["run"]
 
 
 def test_models_prints_the_papers_count(capsys):

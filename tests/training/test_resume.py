@@ -17,6 +17,7 @@ from salpchain.training.trainer import resume
 from tests.training.small import small
 
 ITERATIONS = 40
+COLUMNS = b"iteration,steps,seconds,episodes,success,closed_fraction\n"
 
 
 def start(folder, cache):
@@ -79,6 +80,18 @@ def test_ctrl_c_saves_and_the_run_goes_on(undisturbed):
     assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
 
 
+def test_ctrl_c_while_compiling_leaves_a_run_that_goes_on(undisturbed):
+    folder, cache = undisturbed.parent / "early", undisturbed.parent / "no cache"
+    process = start(folder, cache)
+    while process.poll() is None and not (folder / "metrics.csv").exists():
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=120)
+    assert process.returncode != 0 and len(rows(folder)) <= 1
+    finish(start(folder, undisturbed.parent / "cache"))
+    assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
+
+
 def copy_of(undisturbed, tmp_path):
     for name in ("config.json", CHECKPOINT_FILE):
         (tmp_path / name).write_bytes((undisturbed / name).read_bytes())
@@ -102,6 +115,29 @@ def test_a_checkpoint_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path,
     with pytest.raises(InputError, match=word):
         resume(tmp_path)
     assert path.read_bytes() == harmed
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (b"\xff\xfe\x00", "can't decode"),
+        (b"step,loss\n1,2\n", "no column 'closed_fraction'"),
+        (COLUMNS + b"40,lots,1,1,1,1\n", "lots"),
+        (COLUMNS + b"1,2,3,4,5,6,7\n", "not a log"),
+    ],
+    ids=["no text", "another table", "a cell that is no number", "too many cells"],
+)
+def test_a_log_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path, text, word):
+    copy_of(undisturbed, tmp_path)
+    (tmp_path / "metrics.csv").write_bytes(text)
+    with pytest.raises(InputError, match=word):
+        resume(tmp_path)
+    assert (tmp_path / "metrics.csv").read_bytes() == text
+
+
+def test_a_log_that_was_lost_does_not_stop_a_run(undisturbed, tmp_path):
+    copy_of(undisturbed, tmp_path)
+    assert resume(tmp_path)["steps"] == small(ITERATIONS).total_steps
 
 
 @pytest.mark.parametrize(
