@@ -16,8 +16,11 @@ from salpchain.physics.batching import redo
 from salpchain.physics.contact import Pairs, contact_load, touching_distance
 from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
-# How much closer two units may come in one control step, beyond what their speeds bring them
-# (chosen; a test compares with all pairs): full thrust moves a free unit by 1 cm.
+# How much closer two units of a chain that nothing touches may come in one control step than on
+# straight ways at constant speed (chosen; 4 mm were seen, and a test compares with all pairs).
+STRAY = 0.016  # m
+# How much closer two units may come in one control step where others touch, beyond what their
+# speeds bring them (chosen; the same test): full thrust moves a free unit by 1 cm.
 SLACK = 0.02  # m
 # How much farther contact elsewhere in the chain may press two neighbours together (chosen; the
 # same test).
@@ -62,9 +65,12 @@ def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Move
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
-    """Chains in which some pair of units may touch in this control step."""
+    """Chains in which some pair of units may touch in this control step.
+
+    Up to the first touch a chain moves as it does without contact, so that motion tells all.
+    """
     num = units.angle.shape[0]
-    place, reach = _scattered(rig, units), _reach(rig, units)
+    place, reach = _half_way(rig, units, free)
     near = _neighbours_near(rig, units, free)
     if num <= 4 * BLOCK:
         return near | (_least_square(place, rig.joined, num // 2) < reach**2)
@@ -72,19 +78,30 @@ def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
     return near | _far_units_near(place, rig.present, reach)
 
 
-def _reach(rig: Rig, units: Motion) -> Float[Array, " batch"]:
-    """Distance of centres (m) within which two units of a chain may touch in this control step."""
-    alive = rig.present.sum(axis=0)
-    drift = units.velocity.sum(axis=1) / jnp.maximum(alive, 1)
-    rush = jnp.where(rig.present, _square(units.velocity - drift[:, None]), 0.0).max(axis=0)
-    closing = 2 * jnp.sqrt(rush) * rig.physics.control_step
-    return touching_distance(rig.physics) + SLACK + closing
+def _half_way(
+    rig: Rig, units: Motion, free: Moved
+) -> tuple[Float[Array, "2 unit batch"], Float[Array, " batch"]]:
+    """Where units are half way without contact (m), and the distance within which two may touch.
+
+    On straight ways two units come no closer than that less half of what they move to each other.
+    """
+    way = free.units.position - units.position
+    drift = _mean(way, rig.present)
+    farthest = jnp.where(rig.present, _square(way - drift[:, None]), 0.0).max(axis=0)
+    reach = touching_distance(rig.physics) + STRAY + jnp.sqrt(farthest)
+    return _scattered(rig.present, units.position + way / 2), reach
 
 
-def _scattered(rig: Rig, units: Motion) -> Float[Array, "2 unit batch"]:
+def _mean(x: Float[Array, "2 unit batch"], present: Bool[Array, "unit batch"]) -> Array:
+    return jnp.where(present, x, 0.0).sum(axis=1) / jnp.maximum(present.sum(axis=0), 1)
+
+
+def _scattered(
+    present: Bool[Array, "unit batch"], place: Float[Array, "2 unit batch"]
+) -> Float[Array, "2 unit batch"]:
     """Positions (m), with dead slots far from all others and from each other."""
-    away = AWAY * (1.0 + jnp.arange(len(rig.present))[:, None])
-    return jnp.where(rig.present, units.position, away)
+    away = AWAY * (1.0 + jnp.arange(len(present))[:, None])
+    return jnp.where(present, place, away)
 
 
 def _least_square(
@@ -104,11 +121,7 @@ def _least_square(
 
 
 def _neighbours_near(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
-    """Chains in which two units that a link joins may touch.
-
-    These are pressed together and turned to each other by joints alone, so how they move without
-    contact tells all.
-    """
+    """Chains in which two units that a link joins may touch."""
     return (_held_near(rig, units, free, 0.0) & rig.joined).any(axis=0)
 
 
@@ -197,14 +210,18 @@ def _near_pairs(rig: Rig, units: Motion, apart: Bool[Array, "link batch"]) -> Pa
     """
     num, batch = units.angle.shape
     near = _may_touch(rig, units, apart)
+    rank = jnp.cumsum(near, axis=0, dtype=jnp.int32)
+    lists = -(-rank[-1].max() // (num // 2))
 
-    def places(near: Bool[Array, " pair"]) -> Int[Array, " pair"]:
-        return jnp.nonzero(near, size=near.shape[0], fill_value=-1)[0]
+    def add(index: Array, chosen: Int[Array, "list pair batch"]) -> Array:
+        wanted = 1 + index * (num // 2) + jnp.arange(num // 2)
+        place = jax.vmap(jnp.searchsorted, in_axes=(1, None), out_axes=1)(rank, wanted)
+        return chosen.at[index].set(jnp.where(place < len(near), place, -1))
 
-    chosen = jax.vmap(places, in_axes=1, out_axes=1)(near).reshape(-1, num // 2, batch)
+    none = jnp.full((-(-len(near) // (num // 2)), num // 2, batch), -1)
+    chosen = jax.lax.fori_loop(0, lists, add, none)
     one = jnp.where(chosen < 0, 0, chosen % num)
     other = jnp.where(chosen < 0, 0, (one + chosen // num + 1) % num)
-    lists = -(-near.sum(axis=0).max() // (num // 2))
     return Pairs(jnp.minimum(one, other), jnp.maximum(one, other), lists)
 
 
@@ -214,7 +231,7 @@ def _may_touch(
     """For every two units (in order of slots apart, counted round) whether they may touch."""
     num, batch = units.angle.shape
     way = units.velocity * rig.physics.control_step
-    state = jnp.concatenate([_scattered(rig, units), way])
+    state = jnp.concatenate([_scattered(rig.present, units.position), way])
     twice = jnp.concatenate([state, state], axis=1)
     apart = jnp.concatenate([apart, jnp.zeros_like(apart[:1])])
 

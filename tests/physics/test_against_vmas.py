@@ -3,6 +3,11 @@
 VMAS's joints jump from nothing to 0.6 N when they open by a micrometre, so two runs part in the
 last decimal and then by a fraction of a millimetre. VMAS started 1e-7 m away from itself parts from
 itself by the figures measured here for ours (medians of 2.4e-4 m over 200 steps).
+
+Units that touch part them faster. One chain of 8 under random thrust, whose units touch after 64
+steps, ran 8 times in VMAS, each time alone and 1e-7 m away: they parted by up to 4.1 mm, though no
+control step of ours from VMAS's state was off by more than 0.03 mm. So chains are held to the bar
+of random thrust until their units touch, and to that of folding afterwards.
 """
 
 import jax
@@ -35,13 +40,17 @@ def held_thrusts(rng, batch, num, steps):
 
 
 def errors_along(vmas, chains, pushes):
-    """Position errors of the units (m), (steps, batch, unit), both run on their own."""
-    errors = []
+    """Position errors of the units (m), (steps, batch, unit), both run on their own.
+
+    And whether the units of a chain have touched by then, (steps, batch).
+    """
+    errors, touched = [], []
     for thrust in pushes:
         vmas.step(thrust)
         chains = step_all(chains, thrust)
         errors.append(np.linalg.norm(vmas.position - chains.units.position, axis=-1))
-    return np.array(errors)
+        touched.append(chains.touching)
+    return np.array(errors), np.logical_or.accumulate(touched)
 
 
 def errors_of_one_step(vmas, pushes):
@@ -102,9 +111,12 @@ def test_chains_under_random_thrust_stay_with_vmas(num):
     batch = 40 if num <= 8 else 10
     start = bent(rng, batch, num, 0.3)
     pushes = held_thrusts(rng, batch, num, 200)
-    errors = errors_along(VmasChains(*start), resting(*start), pushes)
+    errors, touched = errors_along(VmasChains(*start), resting(*start), pushes)
     assert np.median(errors) <= 3e-4
-    assert errors[:100].max() <= 3e-3
+    early, late = errors[:100], touched[:100]
+    assert early[~late].max() <= 3e-3
+    assert early[late].max(initial=0) <= 1e-2
+    assert late[-1].mean() <= 0.2
 
 
 @pytest.mark.parametrize("fold", FOLDS)
@@ -113,7 +125,7 @@ def test_chains_whose_units_press_on_each_other_stay_with_vmas(fold):
     start, thrust = FOLDS[fold]
     vmas = VmasChains(*start())
     pressed = vmas.record_contact()
-    errors = errors_along(vmas, resting(*start()), [thrust[None].astype(np.float32)] * 100)
+    errors, _ = errors_along(vmas, resting(*start()), [thrust[None].astype(np.float32)] * 100)
     assert np.count_nonzero(pressed) > 150  # of 1500 substeps
     assert max(pressed) > 1.0  # N
     assert np.median(errors) <= 1e-3

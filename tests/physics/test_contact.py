@@ -205,6 +205,7 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
 ):
     runs = [*map(violent_run(num, batch, steps), seeds)]
     recompiling(crowd, "SLACK", 1e3)
+    recompiling(crowd, "STRAY", 1e3)
     recompiling(crowd, "TURN_SLACK", 1e3)
     recompiling(crowd, "_near_pairs", all_pairs)
     looking, passing = step_each(), step_each(contact=False)

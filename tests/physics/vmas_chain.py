@@ -57,7 +57,8 @@ class VmasChains:
             heading = unit.state.rot[:, 0] + np.pi / 2
             across = torch.stack([heading.cos(), heading.sin()], -1)
             unit.state.force = _tensor(thrust[:, index, None]) * across
-        self.world.step()
+        with torch.inference_mode():
+            self.world.step()
 
     def record_contact(self):
         """A list to which every substep from now on adds the largest contact force (N)."""
