@@ -33,5 +33,5 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 # torch first and alone: then nothing that needs it picks another build.
 $(VENV)/.tested: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) torch==2.13.0
-	$(PIP) --editable '.[test]'
+	$(PIP) --use-pep517 --editable '.[test]'
 	@touch $@ $(VENV)/.installed
