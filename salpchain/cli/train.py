@@ -37,7 +37,7 @@ class Train:
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all, rounded up to whole rollouts. Default: the preset's (quick: 750000)."""
+    """Chain-steps in all, rounded up to whole rollouts. Default: the preset's (quick: 1000000)."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 

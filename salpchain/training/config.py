@@ -65,7 +65,7 @@ class TrainConfig:
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     preset: str = "quick"
-    steps: int = 750_000  # chain-steps in all, rounded up to whole rollouts
+    steps: int = 1_000_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ def quick() -> TrainConfig:
         task=TaskConfig(observation="body", action="thrust", fine_weight=0.5),
         control=ControlConfig(shared_log_std=True),
         ppo=PPOConfig(),
-        steps=750_000,
+        steps=1_000_000,
     )
 
 
