@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo
@@ -158,27 +157,29 @@ def _far_units_near(
     present: Bool[Array, "unit batch"],
     reach: Float[Array, " batch"],
 ) -> Bool[Array, " batch"]:
-    """Chains in which units that are two blocks apart or more may touch.
+    """Chains in which units that are two blocks apart or more, counted round, may touch.
 
     First the bounding circles of blocks of neighbouring units; all pairs only where two come near.
     """
-    centre, radius = _blocks(place, present)
-    apart = np.triu(np.ones((len(radius), len(radius)), bool), 2)[..., None]
-    gap = jnp.sqrt(_square(centre[:, :, None] - centre[:, None]))
-    near = (apart & (gap < radius[:, None] + radius + reach)).any(axis=(0, 1))
-    return jax.lax.cond(near.any(), lambda: _some_within(place, reach), lambda: near)
+    near = _some_within(*_blocks(place, present), reach)
+    alone = jnp.zeros(place.shape[1:])
+    return jax.lax.cond(near.any(), lambda: _some_within(place, alone, reach), lambda: near)
 
 
 def _some_within(
-    place: Float[Array, "2 unit batch"], reach: Float[Array, " batch"]
+    centre: Float[Array, "2 circle batch"],
+    radius: Float[Array, "circle batch"],
+    reach: Float[Array, " batch"],
 ) -> Bool[Array, " batch"]:
-    """Chains in which some two units that are no neighbours are within reach (m)."""
-    num, batch = place.shape[1:]
-    twice = jnp.concatenate([place, place], axis=1)
+    """Chains in which some two circles that are no neighbours, counted round, are within reach."""
+    num, batch = radius.shape
+    circles = jnp.concatenate([centre, radius[None]])
+    twice = jnp.concatenate([circles, circles], axis=1)
 
     def look(shift: Array, near: Array) -> Array:
         other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
-        return near | (_square(other - place) < reach**2).any(axis=0)
+        apart = jnp.maximum(radius + other[2] + reach, 0.0)
+        return near | (_square(other[:2] - centre) < apart**2).any(axis=0)
 
     return jax.lax.fori_loop(2, num // 2 + 1, look, jnp.zeros(batch, bool))
 
