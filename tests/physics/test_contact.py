@@ -218,6 +218,19 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
     assert touched >= 10
 
 
+def test_units_far_apart_in_the_chain_are_found_when_they_meet():
+    """A cut chain: the second half stands upright on unit 5, 15 slots from its own first unit."""
+    ahead = 0.07 * np.arange(20)
+    lying = np.stack([ahead, 0 * ahead], -1)
+    upright = np.stack([0 * ahead + 0.35, 0.05 + ahead], -1)
+    angle = np.repeat([0.0, np.pi / 2], 20)
+    linked = jnp.arange(39) != 19
+    for shift, meets in ((0.0, True), (0.05, False)):
+        place = jnp.asarray(np.concatenate([lying, upright + np.array([0.0, shift])]), float)
+        after = step_one(at_rest(place, jnp.asarray(angle, float), linked=linked), jnp.zeros(40))
+        assert bool(after.touching) == meets
+
+
 def test_shapes_are_looked_at_only_when_some_units_are_near(recompiling):
     looks = []
     narrow = contact._box_against_box
