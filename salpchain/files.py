@@ -4,7 +4,8 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,14 @@ from safetensors.numpy import load, save
 
 from salpchain.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
+
 Arrays = dict[str, np.ndarray]
 
+LOCK_FILE = ".lock"
 _HEADER = "salpchain"
 
 
@@ -57,6 +64,26 @@ def make_writable(folder: Path) -> None:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(folder)) from None
+
+
+@contextmanager
+def alone(folder: Path) -> Iterator[None]:
+    """Keeps other processes that ask for the same out of a folder, until the end of the block.
+
+    A process that dies lets go of it. Where the system has no such locks, nobody is kept out.
+
+    Raises:
+        InputError: another process has it.
+    """
+    if fcntl is None:
+        yield
+        return
+    with (folder / LOCK_FILE).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{folder} is in use by another process: wait for its end") from None
+        yield
 
 
 def write_text(path: Path, content: str) -> None:

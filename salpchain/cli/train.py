@@ -27,7 +27,7 @@ class Train:
     preset: Name = ""
     """quick (ours: 95 % success in minutes; default) or paper (the paper's Table 2)."""
     model: Name = ""
-    """Controller: gcn (default; any length) or mlp (its training length only)."""
+    """Controller: gcn (default), gatv2 or gt (any length), or mlp (its training length only)."""
     graph: Name = ""
     """Who listens to whom: mixed (itself and its neighbours; default) or full (everyone)."""
     observation: Name = ""

@@ -10,8 +10,10 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.control.config import ControlConfig
+from salpchain.control.gatv2 import gatv2
 from salpchain.control.gcn import gcn
 from salpchain.control.graph import GRAPHS, Graph
+from salpchain.control.gt import gt
 from salpchain.control.layers import ACTOR_GAIN, WIDTH, Head, head
 from salpchain.control.mlp import mlp
 
@@ -32,7 +34,11 @@ class Trunk(Protocol):
         ...
 
 
-TRUNKS: dict[str, Callable[[PRNGKeyArray, int], Trunk]] = {"gcn": gcn}
+TRUNKS: dict[str, Callable[[PRNGKeyArray, int], Trunk]] = {
+    "gcn": gcn,
+    "gatv2": gatv2,
+    "gt": gt,
+}
 
 
 @runtime_checkable
@@ -42,12 +48,14 @@ class ActorCritic(Protocol):
     log_std: Float[Array, "*slots act"]
 
     def __call__(
-        self, obs: Observation, present: Present, joined: Joined
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
     ) -> tuple[Action, Float[Array, ""]]:
-        """Mean action of each unit, and the value."""
+        """Mean action of each unit, and the value; on another graph than its own if given."""
         ...
 
-    def act(self, obs: Observation, present: Present, joined: Joined) -> Action:
+    def act(
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+    ) -> Action:
         """Mean action of each unit alone: what the deterministic policy does."""
         ...
 
@@ -63,19 +71,23 @@ class GraphActorCritic(eqx.Module):
     graph: str = eqx.field(static=True)
 
     def __call__(
-        self, obs: Observation, present: Present, joined: Joined
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
     ) -> tuple[Action, Float[Array, ""]]:
-        """Mean action of each unit, and the value."""
-        features = self.features(obs, present, joined)
+        """Mean action of each unit, and the value; on another graph than its own if given."""
+        features = self.features(obs, present, joined, graph)
         return self.actor(features), self.value(features, present)
 
-    def act(self, obs: Observation, present: Present, joined: Joined) -> Action:
+    def act(
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+    ) -> Action:
         """Mean action of each unit alone: what the deterministic policy does."""
-        return self.actor(self.features(obs, present, joined))
+        return self.actor(self.features(obs, present, joined, graph))
 
-    def features(self, obs: Array, present: Array, joined: Array) -> Float[Array, "unit 128"]:
+    def features(
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+    ) -> Float[Array, "unit 128"]:
         """What the trunk makes of the observations."""
-        return self.trunk(obs, GRAPHS[self.graph](present, joined))
+        return self.trunk(obs, graph or GRAPHS[self.graph](present, joined))
 
     def value(self, features: Float[Array, "unit 128"], present: Present) -> Float[Array, ""]:
         """Value of the units' features, pooled by learned attention over the present units."""

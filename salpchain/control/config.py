@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from salpchain.domain.config import one_of
 
-MODELS: tuple[str, ...] = ("gcn", "mlp")
+MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
 SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
 GRAPH_NAMES: tuple[str, ...] = ("mixed", "full")
 

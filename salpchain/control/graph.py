@@ -4,8 +4,13 @@ from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
+
+Heads = Float[Array, "unit head feature"]
+Scores = Float[Array, "unit seen head"]
+Compare = Callable[[Array, Array], Array]  # (..., head, feature), twice, to (..., head)
 
 
 @runtime_checkable
@@ -20,6 +25,18 @@ class Graph(Protocol):
         """For each node, the sum of the values of the nodes that it sees."""
         ...
 
+    def products(self, query: Heads, key: Heads) -> Scores:
+        """Scalar products of each node's query with the keys of the nodes that it may see."""
+        ...
+
+    def compare(self, with_each: Compare, query: Heads, key: Heads) -> Scores:
+        """The same with any comparison of two nodes instead of the scalar product."""
+        ...
+
+    def attend(self, scores: Scores, values: Heads) -> Heads:
+        """Values of the nodes seen, weighted by the softmax of the scores over these nodes."""
+        ...
+
 
 class ChainGraph(eqx.Module):
     """`mixed`: each unit sees itself and the units that a link joins to it; O(n)."""
@@ -29,9 +46,7 @@ class ChainGraph(eqx.Module):
 
     def degree(self) -> Int[Array, " unit"]:
         """1, plus 1 for each joined neighbour."""
-        none = jnp.zeros(1, jnp.int32)
-        links = self.joined.astype(jnp.int32)
-        return 1 + jnp.concatenate([none, links]) + jnp.concatenate([links, none])
+        return self._seen().sum(axis=1, dtype=jnp.int32)
 
     def gather(self, values: Float[Array, "unit feature"]) -> Float[Array, "unit feature"]:
         """Own value plus those of the joined neighbours."""
@@ -41,9 +56,45 @@ class ChainGraph(eqx.Module):
         following = jnp.concatenate([jnp.where(joined, values[1:], 0.0), none])
         return values + previous + following
 
+    def products(self, query: Heads, key: Heads) -> Scores:
+        """With the previous unit, the unit itself, the next unit."""
+        return self.compare(lambda one, other: (one * other).sum(axis=-1), query, key)
+
+    def compare(self, with_each: Compare, query: Heads, key: Heads) -> Scores:
+        """With the previous unit, the unit itself, the next unit."""
+        return jnp.stack([with_each(query, other) for other in _along(key)], axis=1)
+
+    def attend(self, scores: Scores, values: Heads) -> Heads:
+        """Of the previous unit, the unit itself, the next unit."""
+        weights = _softmax(scores, self._seen())
+        sides = zip(jnp.unstack(weights, axis=1), _along(values), strict=True)
+        previous, own, following = (weight[..., None] * side for weight, side in sides)
+        return previous + own + following
+
+    def _seen(self) -> Bool[Array, "unit 3"]:
+        """Whether each unit sees the one before it, itself, and the one after it."""
+        none = jnp.zeros(1, bool)
+        own = jnp.ones(self.present.shape, bool)
+        return jnp.stack(
+            [jnp.concatenate([none, self.joined]), own, jnp.concatenate([self.joined, none])], 1
+        )
+
+
+def _along(values: Shaped[Array, "unit *rest"]) -> tuple[Array, Array, Array]:
+    """What the unit before has, what each has, what the unit after has; zeros at the ends."""
+    none = jnp.zeros_like(values[:1])
+    return (
+        jnp.concatenate([none, values[:-1]]),
+        values,
+        jnp.concatenate([values[1:], none]),
+    )
+
 
 class DenseGraph(eqx.Module):
-    """Any graph: `sees[i, j]` says whether node i sees node j."""
+    """Any graph: `sees[i, j]` says whether node i sees node j. Each must see some node.
+
+    Memory for a layer is O(n^2) scores and O(n) features.
+    """
 
     sees: Bool[Array, "unit unit"]
 
@@ -55,6 +106,24 @@ class DenseGraph(eqx.Module):
         """Sums over each row."""
         return self.sees.astype(values.dtype) @ values
 
+    def products(self, query: Heads, key: Heads) -> Scores:
+        """With every node."""
+        return jnp.einsum("ihf,jhf->ijh", query, key)
+
+    def compare(self, with_each: Compare, query: Heads, key: Heads) -> Scores:
+        """With every node, row by row, so that no features of all pairs are ever kept."""
+        row = jax.checkpoint(lambda one: with_each(one, key))  # type: ignore[attr-defined]
+        return jax.lax.map(row, query)
+
+    def attend(self, scores: Scores, values: Heads) -> Heads:
+        """Of every node seen."""
+        return jnp.einsum("ijh,jhf->ihf", _softmax(scores, self.sees), values)
+
+
+def _softmax(scores: Scores, seen: Bool[Array, "unit seen"]) -> Scores:
+    """Over the nodes seen; the others weigh nothing."""
+    return jax.nn.softmax(jnp.where(seen[..., None], scores, -jnp.inf), axis=1)
+
 
 def mixed(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> ChainGraph:
     """n + 2 (n - 1) directed edges for a chain of n units."""
@@ -63,7 +132,12 @@ def mixed(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> ChainG
 
 def full(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGraph:
     """n^2 directed edges: every present unit sees every present unit."""
-    return DenseGraph((present[:, None] & present) | jnp.eye(present.shape[0], dtype=bool))
+    return of_adjacency(present[:, None] & present)
+
+
+def of_adjacency(sees: Bool[Array, "unit unit"]) -> DenseGraph:
+    """Your own graph: `sees[i, j]` says that unit i hears unit j; self loops are added."""
+    return DenseGraph(sees | jnp.eye(sees.shape[0], dtype=bool))
 
 
 GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {"mixed": mixed, "full": full}

@@ -39,6 +39,72 @@ class GCNConv(eqx.Module):
         return self.linear(scale * graph.gather(scale * x))
 
 
+class GATv2Conv(eqx.Module):
+    """Attention of a node to those it sees (paper equation 3; Brody et al. 2022; PyG `GATv2Conv`).
+
+    The score of j for i is a . leaky_relu(W_s x_j + W_t x_i), per head; heads are concatenated.
+    """
+
+    source: Linear  # of the nodes seen, whose values are mixed
+    target: Linear  # of the node that sees
+    attention: Float[Array, "head feature"]
+    bias: Float[Array, " outputs"]
+
+    def __call__(
+        self, x: Float[Array, "unit inputs"], graph: Graph
+    ) -> Float[Array, "unit outputs"]:
+        """(unit, inputs) to (unit, heads x features)."""
+        heads = self.attention.shape[0]
+        source, target = (_split(layer(x), heads) for layer in (self.source, self.target))
+
+        def score(target: Array, source: Array) -> Array:
+            return (jax.nn.leaky_relu(source + target, 0.2) * self.attention).sum(axis=-1)
+
+        mixed = graph.attend(graph.compare(score, target, source), source)
+        return mixed.reshape(x.shape[0], -1) + self.bias
+
+
+class TransformerConv(eqx.Module):
+    """Scaled dot-product attention with a gated skip (paper equation 4; Shi et al. 2021).
+
+    PyG's `TransformerConv` with `concat=False` (heads are averaged) and `beta=True`.
+    """
+
+    query: Linear
+    key: Linear
+    value: Linear
+    skip: Linear
+    gate: Float[Array, " thrice_outputs"]
+    heads: int = eqx.field(static=True)
+
+    def __call__(
+        self, x: Float[Array, "unit inputs"], graph: Graph
+    ) -> Float[Array, "unit outputs"]:
+        """(unit, inputs) to (unit, outputs)."""
+        query, key, value = (
+            _split(layer(x), self.heads) for layer in (self.query, self.key, self.value)
+        )
+        scores = graph.products(query, key) / query.shape[-1] ** 0.5
+        heard, own = graph.attend(scores, value).mean(axis=1), self.skip(x)
+        gate = jax.nn.sigmoid(jnp.concatenate([heard, own, heard - own], axis=-1) @ self.gate)
+        return gate[:, None] * own + (1 - gate[:, None]) * heard
+
+
+def _split(x: Float[Array, "unit outputs"], heads: int) -> Float[Array, "unit head feature"]:
+    return x.reshape(x.shape[0], heads, -1)
+
+
+class LayerNorm(eqx.Module):
+    """`layer_norm` with a learned scale and shift (torch.nn.LayerNorm)."""
+
+    scale: Float[Array, " feature"]
+    shift: Float[Array, " feature"]
+
+    def __call__(self, x: Float[Array, "*rows feature"]) -> Float[Array, "*rows feature"]:
+        """Normalised over the last axis."""
+        return layer_norm(x) * self.scale + self.shift
+
+
 class Head(eqx.Module):
     """Linear layers with GELU between them."""
 
@@ -61,11 +127,43 @@ def linear(key: PRNGKeyArray, inputs: int, outputs: int, gain: float = 1.0) -> L
     )
 
 
+def _glorot(key: PRNGKeyArray, rows: int, columns: int) -> Float[Array, "rows columns"]:
+    """Uniform as Glorot has it: PyG's default."""
+    bound = (6.0 / (rows + columns)) ** 0.5
+    return jr.uniform(key, (rows, columns), minval=-bound, maxval=bound)
+
+
+def _glorot_linear(key: PRNGKeyArray, inputs: int, outputs: int) -> Linear:
+    return Linear(_glorot(key, inputs, outputs), jnp.zeros(outputs))
+
+
 def gcn_conv(key: PRNGKeyArray, inputs: int, outputs: int) -> GCNConv:
     """Weights uniform as Glorot has them, biases zero: PyG's defaults."""
-    bound = (6.0 / (inputs + outputs)) ** 0.5
-    weight = jr.uniform(key, (inputs, outputs), minval=-bound, maxval=bound)
-    return GCNConv(Linear(weight, jnp.zeros(outputs)))
+    return GCNConv(_glorot_linear(key, inputs, outputs))
+
+
+def gatv2_conv(key: PRNGKeyArray, inputs: int, features: int, heads: int) -> GATv2Conv:
+    """Weights uniform as Glorot has them, biases zero: PyG's defaults."""
+    source_key, target_key, attention_key = jr.split(key, 3)
+    return GATv2Conv(
+        source=_glorot_linear(source_key, inputs, heads * features),
+        target=_glorot_linear(target_key, inputs, heads * features),
+        attention=_glorot(attention_key, heads, features),
+        bias=jnp.zeros(heads * features),
+    )
+
+
+def transformer_conv(key: PRNGKeyArray, inputs: int, outputs: int, heads: int) -> TransformerConv:
+    """Weights and biases uniform within 1 / sqrt(inputs), PyG's default here."""
+    *keys, skip_key, gate_key = jr.split(key, 5)
+    query, key_, value = (linear(k, inputs, heads * outputs) for k in keys)
+    skip, gate = linear(skip_key, inputs, outputs), linear(gate_key, 3 * outputs, 1)
+    return TransformerConv(query, key_, value, skip, gate.weight[:, 0], heads)
+
+
+def new_layer_norm(features: int) -> LayerNorm:
+    """Scale 1, shift 0."""
+    return LayerNorm(jnp.ones(features), jnp.zeros(features))
 
 
 def layer_norm(x: Float[Array, "*rows feature"]) -> Float[Array, "*rows feature"]:

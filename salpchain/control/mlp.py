@@ -20,13 +20,21 @@ class MLP(eqx.Module):
     log_std: Float[Array, "*slots act"]
 
     def __call__(
-        self, obs: Float[Array, "unit inputs"], present: Any = None, joined: Any = None
+        self,
+        obs: Float[Array, "unit inputs"],
+        present: Any = None,
+        joined: Any = None,
+        graph: Any = None,
     ) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
-        """Mean action of each unit, and the value; masks change nothing."""
+        """Mean action of each unit, and the value; masks and graph change nothing."""
         return self.act(obs), self.critic(obs.reshape(-1))[0]
 
     def act(
-        self, obs: Float[Array, "unit inputs"], present: Any = None, joined: Any = None
+        self,
+        obs: Float[Array, "unit inputs"],
+        present: Any = None,
+        joined: Any = None,
+        graph: Any = None,
     ) -> Float[Array, "unit act"]:
         """Mean action of each unit alone."""
         return self.actor(obs.reshape(-1)).reshape(obs.shape[0], -1)

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
+from salpchain.control.graph import Graph
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
@@ -75,6 +76,6 @@ class Policy(eqx.Module):
     network: ActorCritic
     card: PolicyCard = eqx.field(static=True)
 
-    def act(self, state: State) -> Float[Array, "unit act"]:
-        """Mean actions."""
-        return self.network.act(state.obs, state.chain.present, state.chain.joined)
+    def act(self, state: State, graph: Graph | None = None) -> Float[Array, "unit act"]:
+        """Mean actions; on another graph than the policy's own if one is given."""
+        return self.network.act(state.obs, state.chain.present, state.chain.joined, graph)

@@ -3,6 +3,8 @@
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 
+TRIALS_FILE = "evaluation.csv"
+SUMMARY_FILE = "evaluation.json"
 RANGE_HELP = "give lengths as 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
 
 

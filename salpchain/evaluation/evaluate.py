@@ -14,12 +14,10 @@ from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Controller
 from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
+from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import make_writable, write_json, write_text
-
-TRIALS_FILE = "evaluation.csv"
-SUMMARY_FILE = "evaluation.json"
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 

@@ -16,7 +16,7 @@ import jax
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import POLICY_FILE, save_policy
 from salpchain.domain.scld import SCLD
-from salpchain.files import write_json
+from salpchain.files import alone, write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
@@ -83,22 +83,29 @@ class Recent:
 
 
 def train(
-    config: TrainConfig, run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
+    config: TrainConfig,
+    run: Path,
+    watch: Watch | None = None,
+    save_every: float = SAVE_EVERY,
+    devices: int | None = None,
 ) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
 
+    Its chains are shared out over as many devices as given, or as there are.
+
     Raises:
-        InputError: the folder is already used.
+        InputError: the folder is already used, or there are fewer devices than given.
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
     """
-    devices = share(config.ppo.envs, use_devices())
+    devices = share(config.ppo.envs, use_devices(devices))
     run_folder.create(run, config, devices, device_name())
     sitting = Sitting(config, run, SCLD(config.task), devices, watch, save_every)
-    sitting.tell(Progress(0, config.total_steps, compiling=True))
-    learner = place(new_learner(config, sitting.env), mesh_of(devices))
-    save_checkpoint(learner, run)
-    return _continue(sitting, learner)
+    with alone(run):
+        sitting.tell(Progress(0, config.total_steps, compiling=True))
+        learner = place(new_learner(config, sitting.env), mesh_of(devices))
+        save_checkpoint(learner, run)
+        return _continue(sitting, learner)
 
 
 def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY) -> dict[str, Any]:
@@ -107,16 +114,18 @@ def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
     A run that was killed before its first checkpoint starts again.
 
     Raises:
-        InputError: no run folder, or a damaged checkpoint.
+        InputError: no run folder, a damaged checkpoint, or another process is at it.
     """
     config, devices = run_folder.read_config(run)
     use_devices(devices)
     sitting = Sitting(config, run, SCLD(config.task), devices, watch, save_every)
     new = partial(new_learner, config, sitting.env)
-    saved = load_checkpoint(run, jax.eval_shape(new)) if (run / CHECKPOINT_FILE).exists() else None
-    done = int(saved.iteration) * config.ppo.batch if saved else 0
-    sitting.tell(Progress(done, config.total_steps, compiling=True))
-    return _continue(sitting, place(saved or new(), mesh_of(devices)))
+    with alone(run):
+        there = (run / CHECKPOINT_FILE).exists()
+        saved = load_checkpoint(run, jax.eval_shape(new)) if there else None
+        done = int(saved.iteration) * config.ppo.batch if saved else 0
+        sitting.tell(Progress(done, config.total_steps, compiling=True))
+        return _continue(sitting, place(saved or new(), mesh_of(devices)))
 
 
 @dataclass(frozen=True)

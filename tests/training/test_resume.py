@@ -12,6 +12,7 @@ import time
 import pytest
 
 from salpchain.errors import InputError
+from salpchain.files import alone
 from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.trainer import resume
 from tests.training.small import small
@@ -90,6 +91,13 @@ def test_ctrl_c_while_compiling_leaves_a_run_that_goes_on(undisturbed):
     assert process.returncode != 0 and len(rows(folder)) <= 1
     finish(start(folder, undisturbed.parent / "cache"))
     assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
+
+
+def test_a_run_that_another_process_is_at_is_left_alone(undisturbed, tmp_path):
+    copy_of(undisturbed, tmp_path)
+    with alone(tmp_path), pytest.raises(InputError, match="in use by another process"):
+        resume(tmp_path)
+    assert not (tmp_path / "summary.json").exists()
 
 
 def copy_of(undisturbed, tmp_path):
