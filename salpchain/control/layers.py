@@ -64,6 +64,17 @@ class GATv2Conv(eqx.Module):
         return mixed.reshape(x.shape[0], -1) + self.bias
 
 
+class TwoLayers(eqx.Module):
+    """A graph layer, GELU, layer norm without parameters, a graph layer, GELU (paper Table 3)."""
+
+    first: GCNConv | GATv2Conv
+    second: GCNConv | GATv2Conv
+
+    def __call__(self, x: Float[Array, "unit inputs"], graph: Graph) -> Float[Array, "unit 128"]:
+        """Features of each unit from what the units within two edges of it observe."""
+        return gelu(self.second(layer_norm(gelu(self.first(x, graph))), graph))
+
+
 class TransformerConv(eqx.Module):
     """Scaled dot-product attention with a gated skip (paper equation 4; Shi et al. 2021).
 

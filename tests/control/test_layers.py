@@ -112,13 +112,18 @@ slope = eqx.filter_jit(jax.grad(lambda x, layer, graph: (layer(x, graph)[ALIVE] 
 PAIRS = {"gcn": gcn_pair, "gatv2": gatv2_pair, "gt": gt_pair}
 
 
+def given(layer, graph):
+    """Both layers, the graph as each wants it, and features."""
+    ours_graph, sees = GRAPHS[graph]
+    x = np.random.default_rng(1).normal(size=(SLOTS, INPUTS)).astype(np.float32)
+    return *PAIRS[layer](), ours_graph, edges(sees), x
+
+
 @pytest.mark.parametrize("graph", GRAPHS)
 @pytest.mark.parametrize("layer", PAIRS)
 def test_a_layer_does_what_pygs_does(layer, graph):
-    ours, theirs = PAIRS[layer]()
-    ours_graph, sees = GRAPHS[graph]
-    x = np.random.default_rng(1).normal(size=(SLOTS, INPUTS)).astype(np.float32)
-    expected = theirs(torch.tensor(x), edges(sees)).detach().numpy()[ALIVE]
+    ours, theirs, ours_graph, theirs_graph, x = given(layer, graph)
+    expected = theirs(torch.tensor(x), theirs_graph).detach().numpy()[ALIVE]
     x[~ALIVE] = 1e6  # what an empty slot holds must not matter
     np.testing.assert_allclose(run(ours, jnp.asarray(x), ours_graph)[ALIVE], expected, atol=1e-5)
 
@@ -126,13 +131,11 @@ def test_a_layer_does_what_pygs_does(layer, graph):
 @pytest.mark.parametrize("graph", GRAPHS)
 @pytest.mark.parametrize("layer", PAIRS)
 def test_its_gradient_is_pygs_too(layer, graph):
-    ours, theirs = PAIRS[layer]()
-    ours_graph, sees = GRAPHS[graph]
-    x = np.random.default_rng(1).normal(size=(SLOTS, INPUTS)).astype(np.float32)
-    given = torch.tensor(x, requires_grad=True)
-    (theirs(given, edges(sees))[torch.tensor(ALIVE)] ** 2).sum().backward()
+    ours, theirs, ours_graph, theirs_graph, x = given(layer, graph)
+    traced = torch.tensor(x, requires_grad=True)
+    (theirs(traced, theirs_graph)[torch.tensor(ALIVE)] ** 2).sum().backward()
     gradient = slope(jnp.asarray(x), ours, ours_graph)
-    np.testing.assert_allclose(gradient[ALIVE], given.grad.numpy()[ALIVE], rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(gradient[ALIVE], traced.grad.numpy()[ALIVE], rtol=1e-4, atol=1e-4)
     assert not np.asarray(gradient[~ALIVE]).any()
 
 
