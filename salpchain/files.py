@@ -4,10 +4,11 @@ import hashlib
 import json
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from safetensors import SafetensorError
@@ -23,6 +24,7 @@ except ImportError:  # Windows
 Arrays = dict[str, np.ndarray]
 
 LOCK_FILE = ".lock"
+LOOK_EVERY = 0.5  # s between two looks at a lock that another process has (chosen)
 _HEADER = "salpchain"
 
 
@@ -67,10 +69,11 @@ def make_writable(folder: Path) -> None:
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def alone(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """Keeps other processes that ask for the same out of a folder, until the end of the block.
 
-    A process that dies lets go of it. Where the system has no such locks, nobody is kept out.
+    A process that dies lets go of it; another waits for it up to `patience` seconds. Where the
+    system has no such locks, nobody is kept out.
 
     Raises:
         InputError: another process has it.
@@ -79,11 +82,22 @@ def alone(folder: Path) -> Iterator[None]:
         yield
         return
     with (folder / LOCK_FILE).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(f"{folder} is in use by another process: wait for its end") from None
+        until = time.monotonic() + patience
+        while not _locked(file):
+            if time.monotonic() >= until:
+                raise InputError(f"{folder} is in use by another process: wait for its end")
+            time.sleep(LOOK_EVERY)
         yield
+
+
+def _locked(file: IO[str]) -> bool:
+    """Whether the lock was free; if so, it is ours."""
+    assert fcntl is not None
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def write_text(path: Path, content: str) -> None:

@@ -26,9 +26,9 @@ def run(options: Bench) -> None:
     """Prints a line for each measurement."""
     lengths, envs = parse_lengths(options.lengths), positive("envs", options.envs)
     from salpchain.evaluation.speed import PARTS, measure
-    from salpchain.training.devices import device_name, share, use_devices
+    from salpchain.training.devices import device_name, largest_divisor, use_devices
 
-    devices = share(envs, use_devices())
+    devices = largest_divisor(envs, use_devices())
     print(f"{device_name()}, {devices} device(s), {envs} chains at once")
     for length in lengths:
         for part in PARTS:

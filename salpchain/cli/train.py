@@ -37,7 +37,7 @@ class Train:
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all, rounded up to whole rollouts. Default: the preset's (quick: 1000000)."""
+    """Chain-steps in all, in whole rollouts. Default: the preset's (quick at 8 units: 1500000)."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 
@@ -51,7 +51,8 @@ def run(options: Train) -> int:
     if not options.resume:
         run_folder.check_free(folder)
     from salpchain.cli.display import training_display
-    from salpchain.training.trainer import NotFiniteError, resume, train
+    from salpchain.training.journal import NotFiniteError
+    from salpchain.training.trainer import resume, train
 
     try:
         with training_display(config) as watch:

@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-Heads = Float[Array, "unit head feature"]
-Scores = Float[Array, "unit seen head"]
-Compare = Callable[[Array, Array], Array]  # (..., head, feature), twice, to (..., head)
+Heads = Float[Array, "unit *head feature"]
+Scores = Float[Array, "unit seen *head"]
+Compare = Callable[[Array, Array], Array]  # (..., feature), twice, to (...)
 
 
 @runtime_checkable
@@ -108,7 +108,7 @@ class DenseGraph(eqx.Module):
 
     def products(self, query: Heads, key: Heads) -> Scores:
         """With every node."""
-        return jnp.einsum("ihf,jhf->ijh", query, key)
+        return jnp.einsum("i...f,j...f->ij...", query, key)
 
     def compare(self, with_each: Compare, query: Heads, key: Heads) -> Scores:
         """With every node, row by row, so that no features of all pairs are ever kept."""
@@ -117,12 +117,13 @@ class DenseGraph(eqx.Module):
 
     def attend(self, scores: Scores, values: Heads) -> Heads:
         """Of every node seen."""
-        return jnp.einsum("ijh,jhf->ihf", _softmax(scores, self.sees), values)
+        return jnp.einsum("ij...,j...f->i...f", _softmax(scores, self.sees), values)
 
 
 def _softmax(scores: Scores, seen: Bool[Array, "unit seen"]) -> Scores:
     """Over the nodes seen; the others weigh nothing."""
-    return jax.nn.softmax(jnp.where(seen[..., None], scores, -jnp.inf), axis=1)
+    seen = seen.reshape(seen.shape + (1,) * (scores.ndim - 2))
+    return jax.nn.softmax(jnp.where(seen, scores, -jnp.inf), axis=1)
 
 
 def mixed(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> ChainGraph:

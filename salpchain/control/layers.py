@@ -7,6 +7,7 @@ import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.control.graph import Graph
+from salpchain.xla import whole_gradient
 
 WIDTH = 128  # features of a hidden layer (paper Table 3)
 ACTOR_GAIN = 0.01  # of an actor's last layer, so that training starts from no thrust (chosen)
@@ -20,7 +21,7 @@ class Linear(eqx.Module):
 
     def __call__(self, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
         """(..., inputs) to (..., outputs)."""
-        return x @ self.weight + self.bias
+        return whole_gradient(x @ self.weight + self.bias, self.weight)
 
 
 class GCNConv(eqx.Module):
@@ -56,12 +57,14 @@ class GATv2Conv(eqx.Module):
         """(unit, inputs) to (unit, heads x features)."""
         heads = self.attention.shape[0]
         source, target = (_split(layer(x), heads) for layer in (self.source, self.target))
+        attention = self.attention if heads > 1 else self.attention[0]
 
         def score(target: Array, source: Array) -> Array:
-            return (jax.nn.leaky_relu(source + target, 0.2) * self.attention).sum(axis=-1)
+            return (jax.nn.leaky_relu(source + target, 0.2) * attention).sum(axis=-1)
 
-        mixed = graph.attend(graph.compare(score, target, source), source)
-        return mixed.reshape(x.shape[0], -1) + self.bias
+        scores = whole_gradient(graph.compare(score, target, source), self.bias)
+        mixed = graph.attend(scores, source)
+        return whole_gradient(mixed.reshape(x.shape[0], -1) + self.bias, self.bias)
 
 
 class TwoLayers(eqx.Module):
@@ -95,14 +98,18 @@ class TransformerConv(eqx.Module):
         query, key, value = (
             _split(layer(x), self.heads) for layer in (self.query, self.key, self.value)
         )
-        scores = graph.products(query, key) / query.shape[-1] ** 0.5
-        heard, own = graph.attend(scores, value).mean(axis=1), self.skip(x)
+        scores = whole_gradient(graph.products(query, key) / query.shape[-1] ** 0.5, self.gate)
+        heard, own = (
+            whole_gradient(graph.attend(scores, value), self.gate).mean(axis=1),
+            self.skip(x),
+        )
         gate = jax.nn.sigmoid(jnp.concatenate([heard, own, heard - own], axis=-1) @ self.gate)
-        return gate[:, None] * own + (1 - gate[:, None]) * heard
+        return whole_gradient(gate[:, None] * own + (1 - gate[:, None]) * heard, self.gate)
 
 
-def _split(x: Float[Array, "unit outputs"], heads: int) -> Float[Array, "unit head feature"]:
-    return x.reshape(x.shape[0], heads, -1)
+def _split(x: Float[Array, "unit outputs"], heads: int) -> Float[Array, "unit *head feature"]:
+    """By heads; one alone gets no axis, for XLA on a CPU is slow with an axis of one."""
+    return x.reshape(x.shape[0], heads, -1) if heads > 1 else x
 
 
 class LayerNorm(eqx.Module):

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.domain.pose import LINK
-from salpchain.physics.batching import once, over_the_batch
+from salpchain.physics.batching import over_the_batch
 from salpchain.physics.chain import Chain, wrap
+from salpchain.xla import once
 
 Row = Array  # (unit,) or (unit, batch)
 Pair = tuple[Row, Row]  # x and y

@@ -23,7 +23,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.limits import reachable
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Chain
-from salpchain.training.devices import AXIS, mesh_of, share
+from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 SLOTS = (16, 64, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
@@ -142,7 +142,7 @@ def _begin(
 
 def _mesh(trials: int) -> Mesh:
     """Of as many devices as divide the trials."""
-    return mesh_of(share(trials, jax.local_device_count()))
+    return mesh_of(largest_divisor(trials, jax.local_device_count()))
 
 
 @eqx.filter_jit

@@ -86,19 +86,6 @@ def _merge(size: int, inner: int, leaf: Any, batched: bool) -> Any:
     return leaf.reshape(size * inner, *leaf.shape[2:]) if jnp.ndim(leaf) else leaf
 
 
-def once(tree: Any, never: jax.Array | bool) -> Any:
-    """The same arrays, computed once and kept, though many operations read them.
-
-    XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
-    never turns stops that; `never` must be false, and XLA must not be able to tell.
-    """
-
-    def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
-        return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
-
-    return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
-
-
 def redo(
     flag: jax.Array, old: Any, make: Callable[[jax.Array], Any], chunk: int, axis: int = 0
 ) -> Any:

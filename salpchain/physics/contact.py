@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from salpchain.physics.batching import once
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
+from salpchain.xla import once
 
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corners
 

@@ -18,16 +18,16 @@ class PPOConfig:
     """
 
     envs: int = 256  # chains that swim at once
-    rollout: int = 64  # control steps of each between two updates
-    minibatch: int = 2048  # chain-steps in one gradient step
-    epochs: int = 3  # passes over a rollout
-    learning_rate: float = 5e-4  # of Adam
+    rollout: int = 32  # control steps of each between two updates
+    minibatch: int = 512  # chain-steps in one gradient step
+    epochs: int = 1  # passes over a rollout
+    learning_rate: float = 2e-3  # of Adam
     final_rate: float = 0.1  # share of the learning rate left at the end, linear in between
     clip: float = 0.2
     max_grad_norm: float = 0.5
     gamma: float = 0.99
     lam: float = 0.95
-    entropy: float = 0.001
+    entropy: float = 0.0
     value_weight: float = 0.5
 
     def __post_init__(self) -> None:
@@ -65,7 +65,7 @@ class TrainConfig:
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     preset: str = "quick"
-    steps: int = 1_000_000  # chain-steps in all, rounded up to whole rollouts
+    steps: int = 1_500_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -39,9 +39,9 @@ def use_devices(count: int | None = None) -> int:
     return count or there
 
 
-def share(envs: int, devices: int) -> int:
-    """The largest number of devices, up to these, that divides the chains evenly."""
-    return max(n for n in range(1, devices + 1) if envs % n == 0)
+def largest_divisor(number: int, most: int) -> int:
+    """The largest number up to `most` that divides this one."""
+    return max(n for n in range(1, min(number, most) + 1) if number % n == 0)
 
 
 def mesh_of(devices: int) -> Mesh:

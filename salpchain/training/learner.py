@@ -54,13 +54,18 @@ class Metrics(eqx.Module):
 
 def new_learner(config: TrainConfig, env: SCLD) -> Learner:
     """A learner before its first step; all randomness follows from `config.seed`."""
-    weights_key, reset_key, key = jr.split(jr.key(config.seed), 3)
-    policy = actor_critic(
-        weights_key, config.control, env.observation_size, env.action_size, config.task.length
-    )
-    states = jax.jit(jax.vmap(env.reset))(jr.split(reset_key, config.ppo.envs))
-    state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
-    return Learner(policy, state, states, key, jnp.int32(0))
+
+    @jax.jit  # op by op, each would be compiled for itself
+    def new(key: PRNGKeyArray) -> Learner:
+        weights_key, reset_key, key = jr.split(key, 3)
+        policy = actor_critic(
+            weights_key, config.control, env.observation_size, env.action_size, config.task.length
+        )
+        states = jax.vmap(env.reset)(jr.split(reset_key, config.ppo.envs))
+        state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
+        return Learner(policy, state, states, key, jnp.int32(0))
+
+    return new(jr.key(config.seed))
 
 
 def place(learner: Learner, mesh: Mesh) -> Learner:
@@ -71,8 +76,9 @@ def place(learner: Learner, mesh: Mesh) -> Learner:
 
 
 def _specs(learner: Learner) -> Learner:
+    lead = (None,) * learner.iteration.ndim  # of learners side by side
     specs = jax.tree.map(lambda _: Spec(), learner)
-    shared = jax.tree.map(lambda _: Spec(AXIS), learner.states)
+    shared = jax.tree.map(lambda _: Spec(*lead, AXIS), learner.states)
     return eqx.tree_at(lambda x: x.states, specs, shared, is_leaf=lambda x: x is None)
 
 
@@ -80,10 +86,13 @@ Iterate = Callable[[Learner], tuple[Learner, Metrics]]
 
 
 def compile_iterate(config: TrainConfig, env: SCLD, mesh: Mesh, learner: Learner) -> Iterate:
-    """`iterate` over the mesh, compiled for this learner's shapes."""
-    specs = _specs(learner)
+    """`iterate` over the mesh, compiled for this learner's shapes.
+
+    The learner may be several side by side, with a leading axis; then so are the metrics.
+    """
+    specs, one = _specs(learner), partial(iterate, config, env)
     sharded = jax.shard_map(
-        partial(iterate, config, env),
+        jax.vmap(one) if learner.iteration.ndim else one,
         mesh=mesh,
         in_specs=(specs,),
         out_specs=(specs, Spec()),
@@ -96,8 +105,6 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
     """A rollout and the update from it, on one device's share of the chains."""
     ppo = config.ppo
     act_key, shuffle_key, key = jr.split(learner.key, 3)
-    device = jax.lax.axis_index(AXIS)
-    act_key, shuffle_key = (jr.fold_in(k, device) for k in (act_key, shuffle_key))
     states, samples, outcomes = collect(env, learner.policy, learner.states, act_key, ppo.rollout)
     batch = lessons(ppo, samples, outcomes, values(learner.policy, states))
     policy, optimiser_state, losses = improve(

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import optax
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
-from salpchain.training.devices import AXIS
+from salpchain.training.devices import AXIS, largest_divisor
 from salpchain.training.rollout import Outcome, Sample, log_prob
 
 # Units whose activations are worked on at a time: on a CPU they stay in a core's cache, which
@@ -67,18 +67,22 @@ def improve(
     batch: Lesson,
     key: PRNGKeyArray,
 ) -> tuple[ActorCritic, Any, Losses]:
-    """The policy after all epochs of minibatches over the batch, axes (step, env)."""
-    flat = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), batch)
-    size = flat.advantage.shape[0]
+    """The policy after all epochs of minibatches over the batch, axes (step, env).
+
+    Every device knows the whole batch and works on its part of each minibatch, so that the
+    minibatches are the same however many devices there are.
+    """
+    flat = jax.tree.map(_flat_everywhere, batch)
+    devices, device = jax.lax.axis_size(AXIS), jax.lax.axis_index(AXIS)
 
     def epoch(carry: Any, key: PRNGKeyArray) -> tuple[Any, Losses]:
-        order = jr.permutation(key, size).reshape(config.minibatches, -1)
-        return jax.lax.scan(learn, carry, order)
+        order = jr.permutation(key, config.batch).reshape(config.minibatches, devices, -1)
+        return jax.lax.scan(learn, carry, order[:, device])
 
     def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
         policy, optimiser_state = carry
         gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen), AXIS)
-        norm = optax.global_norm(gradient)
+        norm = optax.tree.norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
         policy = optax.apply_updates(policy, updates)
         return (policy, optimiser_state), eqx.tree_at(lambda x: x.grad_norm, losses, norm)
@@ -86,6 +90,12 @@ def improve(
     start = (policy, optimiser_state)
     (policy, optimiser_state), losses = jax.lax.scan(epoch, start, jr.split(key, config.epochs))
     return policy, optimiser_state, jax.tree.map(jnp.mean, losses)
+
+
+def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:
+    """The samples of all devices."""
+    whole = jax.lax.all_gather(x, AXIS, axis=1, tiled=True)
+    return whole.reshape(-1, *x.shape[2:])
 
 
 def _gradient(
@@ -106,11 +116,6 @@ def _gradient(
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of_part, parts[0]))
     total, _ = jax.lax.scan(add, nothing, parts)
     return jax.tree.map(lambda x: x / parts.shape[0], total)
-
-
-def largest_divisor(number: int, most: int) -> int:
-    """The largest number up to `most` that divides this one."""
-    return max(n for n in range(1, min(number, most) + 1) if number % n == 0)
 
 
 def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[Array, ""], Losses]:

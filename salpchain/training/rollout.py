@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.domain.reward import Terms
 from salpchain.domain.scld import SCLD, State, renew_done
+from salpchain.training.devices import AXIS
 
 
 class Sample(eqx.Module):
@@ -40,16 +41,19 @@ def collect(
 ) -> tuple[State, Sample, Outcome]:
     """`steps` control steps of every chain (batch first), finished episodes renewed.
 
-    Returns the states after them, and samples and outcomes with axes (step, env).
+    Returns the states after them, and samples and outcomes with axes (step, env). What a chain
+    does follows from its number among those of all devices, not from the device that it is on.
     """
+    num = states.time.shape[0]
+    numbers = jax.lax.axis_index(AXIS) * num + jnp.arange(num)
 
     def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
-        sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, jr.split(key, num))
+        keys = jax.vmap(jr.fold_in, (None, 0))(key, numbers)
+        sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, keys)
         after = jax.vmap(env.step)(states, sample.action)
         outcome = jax.vmap(_outcome)(after, _final_value(policy, after))
         return renew_done(env, after), (sample, outcome)
 
-    num = states.time.shape[0]
     states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
     return states, samples, outcomes
 

@@ -135,7 +135,7 @@ class MetricsLog:
         self._board.close()
 
 
-def _cell(value: float) -> str:
+def _cell(value: int | float) -> str:
     return "" if value != value else f"{value:.7g}"
 
 

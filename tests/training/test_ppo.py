@@ -10,10 +10,11 @@ from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.errors import InputError
 from salpchain.training.config import PPOConfig
+from salpchain.training.journal import NotFiniteError
 from salpchain.training.ppo import Lesson, entropy, loss, optimiser
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_prob
-from salpchain.training.trainer import NotFiniteError, train
+from salpchain.training.trainer import train
 from tests.training.small import small
 
 

@@ -1,4 +1,4 @@
-from salpchain.training.trainer import Recent
+from salpchain.training.journal import Recent
 
 
 def rollout(episodes, success):

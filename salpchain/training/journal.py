@@ -1,0 +1,209 @@
+"""What a run writes down while it trains: rows, checkpoints, its policy, its summary."""
+
+import math
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.control.storage import POLICY_FILE, save_policy
+from salpchain.files import write_json
+from salpchain.training import run_folder
+from salpchain.training.checkpoint import save_checkpoint
+from salpchain.training.config import TrainConfig
+from salpchain.training.learner import Learner, Metrics
+
+RECENT = 200  # finished episodes over which success is shown while training (chosen)
+
+Row = dict[str, int | float]
+
+
+class NotFiniteError(RuntimeError):
+    """A number that is not finite turned up in training; the message says where."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a watcher of a run is told: once before compilation, then after each iteration."""
+
+    steps: int
+    total: int
+    compiling: bool = False
+    steps_per_second: float = 0.0
+    success: float | None = None  # share of recent episodes, None before any has ended
+    closed_fraction: float | None = None
+    seconds_left: float = 0.0
+
+
+@dataclass
+class Recent:
+    """Success and closed fraction over the latest finished episodes."""
+
+    rollouts: deque[tuple[float, float, float]] = field(default_factory=deque)
+
+    def add(self, row: Row) -> None:
+        """Takes in one more rollout; forgets those that `RECENT` episodes no longer need."""
+        if row["episodes"]:
+            n = row["episodes"]
+            self.rollouts.append((n, row["success"] * n, row["closed_fraction"] * n))
+        while sum(r[0] for r in list(self.rollouts)[1:]) >= RECENT:
+            self.rollouts.popleft()
+
+    @property
+    def whole(self) -> bool:
+        """Whether there have been `RECENT` episodes; the first ones to end are the short ones."""
+        return sum(r[0] for r in self.rollouts) >= RECENT
+
+    def means(self) -> tuple[float | None, float | None]:
+        """Success and closed fraction, or None before any episode has ended."""
+        episodes = sum(r[0] for r in self.rollouts)
+        if not episodes:
+            return None, None
+        return tuple(sum(r[i] for r in self.rollouts) / episodes for i in (1, 2))  # type: ignore[return-value]
+
+
+class Clock:
+    """Seconds spent on a run, compilation included, over all sittings; and those of iterations."""
+
+    def __init__(self, before: float) -> None:
+        """Starts from the seconds of earlier sittings."""
+        self.total, self._last = before, time.monotonic()
+        self._laps, self._in_laps = 0, 0.0
+
+    def start_laps(self) -> None:
+        """The first iteration starts now."""
+        now = time.monotonic()
+        self.total, self._last = self.total + now - self._last, now
+
+    def lap(self) -> float:
+        """Seconds since the last lap, added to the total."""
+        now = time.monotonic()
+        lap, self._last = now - self._last, now
+        self.total, self._in_laps, self._laps = (
+            self.total + lap,
+            self._in_laps + lap,
+            self._laps + 1,
+        )
+        return lap
+
+    @property
+    def pace(self) -> float:
+        """Mean seconds of an iteration in this sitting."""
+        return self._in_laps / self._laps
+
+
+class Journal:
+    """One run and its files, from the iteration on that it goes on from."""
+
+    def __init__(self, config: TrainConfig, run: Path, iteration: int) -> None:
+        """Keeps the rows up to this iteration, and no later ones."""
+        self.config, self.run = config, run
+        self.log = run_folder.MetricsLog(run, iteration)
+        self.recent = Recent()
+        self.broken: NotFiniteError | None = None
+        rows = self.log.rows
+        self.clock = Clock(float(rows[-1]["seconds"]) if rows else 0.0)
+
+    def add(self, iteration: int, metrics: Metrics) -> Progress | None:
+        """Writes one more iteration down; nothing from the first number on that is not finite."""
+        if self.broken:
+            return None
+        row = _row(self.config, iteration, metrics, self.clock)
+        self.broken = _not_finite(iteration, metrics, self.run)
+        if self.broken:
+            return None
+        self.log.add(row)
+        self.recent.add(row)
+        return _progress(self.config, row, self.recent, self.clock.pace)
+
+    def save(self, learner: Learner) -> None:
+        """Checkpoint and policy, unless the run is broken: then the last good ones are kept."""
+        if not self.broken:
+            save_checkpoint(learner, self.run)
+            save_policy(_policy(self.config, learner), self.run / POLICY_FILE)
+
+    def finish(self) -> dict[str, Any]:
+        """Writes the summary of a whole run and returns it."""
+        summary = _summary(self.config, self.log.rows)
+        write_json(self.run / run_folder.SUMMARY_FILE, summary)
+        return summary
+
+
+def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) -> Row:
+    lap = clock.lap()
+    episodes = float(metrics.episodes)
+
+    def mean(total: Any) -> float:
+        return float(total) / episodes if episodes else math.nan
+
+    return {
+        "iteration": iteration,
+        "steps": iteration * config.ppo.batch,
+        "seconds": clock.total,
+        "steps_per_second": config.ppo.batch / lap,
+        "episodes": episodes,
+        "success": mean(metrics.goals),
+        "closed_fraction": mean(metrics.closed),
+        "episode_steps": mean(metrics.lasted),
+        **{f"reward_{name}": float(value) for name, value in metrics.terms.items()},
+        **{f"update_{name}": float(value) for name, value in vars(metrics.losses).items()},
+    }
+
+
+def _progress(config: TrainConfig, row: Row, recent: Recent, pace: float) -> Progress:
+    success, closed = recent.means()
+    left = (config.iterations - row["iteration"]) * pace
+    return Progress(
+        steps=int(row["steps"]),
+        total=config.total_steps,
+        steps_per_second=row["steps_per_second"],
+        success=success,
+        closed_fraction=closed,
+        seconds_left=left,
+    )
+
+
+def _not_finite(iteration: int, metrics: Metrics, run: Path) -> NotFiniteError | None:
+    """What to say if a number is not finite: names the first, in the order in which they arise."""
+    bad = [name for name, fine in vars(metrics.finite).items() if not bool(fine)]
+    if not bad:
+        return None
+    return NotFiniteError(
+        f"training stopped at iteration {iteration}: not a finite number in the"
+        f" {bad[0]} (also: {', '.join(bad[1:]) or 'nothing else'}); the last good checkpoint"
+        f" is kept in {run}; try a lower learning rate or another seed"
+    )
+
+
+def _policy(config: TrainConfig, learner: Learner) -> Policy:
+    card = PolicyCard(
+        name=config.name,
+        control=config.control,
+        observation=config.task.observation,
+        action=config.task.action,
+        length=config.task.length,
+        steps=int(learner.iteration) * config.ppo.batch,
+    )
+    return Policy(learner.policy, card)
+
+
+def _summary(config: TrainConfig, rows: list[dict[str, str]]) -> dict[str, Any]:
+    recent = Recent()
+    first = None
+    for text in rows:
+        row = {name: float(value or "nan") for name, value in text.items()}
+        recent.add(row)
+        success = recent.means()[0]
+        if first is None and recent.whole and success is not None and success >= 0.95:
+            first = {"steps": int(row["steps"]), "seconds": round(row["seconds"], 1)}
+    success, closed = recent.means()
+    return {
+        "steps": config.total_steps,
+        "seconds": round(float(rows[-1]["seconds"]), 1) if rows else None,
+        "success": success,
+        "closed_fraction": closed,
+        "reached_95_percent": first,
+        "seed": config.seed,
+    }

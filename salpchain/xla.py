@@ -1,0 +1,47 @@
+"""What keeps XLA on a CPU from computing a thing many times, or in a bad order."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def once(tree: Any, never: jax.Array | bool) -> Any:
+    """The same arrays, computed once and kept, though many operations read them.
+
+    XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
+    never turns stops that; `never` must be false, and XLA must not be able to tell.
+    """
+
+    def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
+        return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
+
+    return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
+
+
+def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array, "*rows outputs"]:
+    """`y`; its gradient is worked out whole before any product with it is taken.
+
+    A weight's gradient needs that of the layer's output transposed. XLA on a CPU works it out in
+    that order, along columns: where much leads to it, as behind attention, several times slower.
+    `like` is any array of finite numbers that all rows share, such as the weights.
+    """
+    return _whole_gradient(y, like) if jax.default_backend() == "cpu" else y
+
+
+@jax.custom_vjp
+def _whole_gradient(y: Array, like: Array) -> Array:
+    return y
+
+
+def _forward(y: Array, like: Array) -> tuple[Array, Array]:
+    return y, like
+
+
+def _backward(like: Array, gradient: Array) -> tuple[Array, Array]:
+    never = jnp.isinf(like.ravel()[0])
+    return once(gradient, never), jnp.zeros_like(like)
+
+
+_whole_gradient.defvjp(_forward, _backward)

@@ -1,0 +1,103 @@
+"""One run over several devices, several seeds on one: the results are those of one by one."""
+
+import csv
+import dataclasses
+import json
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from salpchain.control.storage import load
+from salpchain.training import trainer
+from salpchain.training.checkpoint import CHECKPOINT_FILE
+from salpchain.training.devices import largest_divisor
+from salpchain.training.journal import NotFiniteError
+from salpchain.training.trainer import train, train_together
+from tests.training.small import small
+
+ITERATIONS = 4
+SEEDS = [dataclasses.replace(small(ITERATIONS), seed=seed) for seed in (0, 1)]
+
+
+def test_four_devices_learn_what_one_does_up_to_the_order_of_sums():
+    command = [sys.executable, "-m", "tests.training.shared"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["learned"] > 0.1
+    assert found["apart"] < 0.01 * found["learned"]  # other minibatches: about as much as learned
+
+
+def rows(run):
+    return list(csv.DictReader((run / "metrics.csv").open()))
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("alone")
+    for config in SEEDS:
+        train(config, folder / str(config.seed), devices=1)
+    return folder
+
+
+def folders(place):
+    return [place / str(config.seed) for config in SEEDS]
+
+
+def test_seeds_side_by_side_learn_what_each_does_alone(alone, tmp_path):
+    train_together(SEEDS, folders(tmp_path), devices=1)
+    for own, other in zip(folders(tmp_path), folders(alone), strict=True):
+        assert (own / "summary.json").exists()
+        assert [row["iteration"] for row in rows(own)] == ["1", "2", "3", "4"]
+        ours, theirs = (float(rows(run)[0]["reward_approach"]) for run in (own, other))
+        assert ours == pytest.approx(theirs, rel=0.05)
+        weights = [jax.tree.leaves(load(run).network) for run in (own, other)]
+        assert max(float(np.abs(a - b).max()) for a, b in zip(*weights, strict=True)) < 2e-2
+    one, two = ((run / "policy.safetensors").read_bytes() for run in folders(tmp_path))
+    assert one != two
+
+
+def test_seeds_that_were_stopped_at_different_iterations_all_come_to_their_end(alone, tmp_path):
+    def stop(progress):
+        if progress.steps >= 2 * SEEDS[0].ppo.batch:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(SEEDS[0], tmp_path / "0", stop, save_every=0.0, devices=1)
+    train_together(SEEDS, folders(tmp_path), devices=1)
+    kept = (tmp_path / "0" / CHECKPOINT_FILE).read_bytes()
+    assert kept == (alone / "0" / CHECKPOINT_FILE).read_bytes()
+    assert [len(rows(run)) for run in folders(tmp_path)] == [ITERATIONS] * 2
+
+
+def test_a_seed_that_breaks_stops_nothing_but_itself(tmp_path, monkeypatch):
+    compile_iterate = trainer.compile_iterate
+
+    def breaking(*args):
+        step = compile_iterate(*args)
+
+        def iterate(learner):
+            learner, metrics = step(learner)
+            fine = np.array(metrics.finite.losses)
+            fine[1] = False
+            return learner, eqx.tree_at(lambda x: x.finite.losses, metrics, fine)
+
+        return iterate
+
+    monkeypatch.setattr(trainer, "compile_iterate", breaking)
+    with pytest.raises(NotFiniteError, match="not a finite number in the losses"):
+        train_together(SEEDS, folders(tmp_path), devices=1)
+    good, bad = folders(tmp_path)
+    assert (good / "summary.json").exists() and len(rows(good)) == ITERATIONS
+    assert not (bad / "summary.json").exists() and not (bad / "policy.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("number", "most", "found"), [(256, 2, 2), (10, 4, 2), (7, 3, 1), (6, 9, 6)]
+)
+def test_chains_are_shared_out_evenly(number, most, found):
+    assert largest_divisor(number, most) == found
