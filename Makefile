@@ -10,6 +10,8 @@ OUT ?= demo
 demo: $(VENV)/.installed
 	$(BIN)/salpchain demo --out $(OUT)
 
+# Many tests compile the same programs: they share them.
+test: export JAX_COMPILATION_CACHE_DIR = $(CURDIR)/$(VENV)/compiled
 test: $(VENV)/.tested
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -15,8 +15,9 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from salpchain.cluster.sweep import Overall
 from salpchain.training.config import TrainConfig
-from salpchain.training.trainer import Progress as TrainProgress
+from salpchain.training.journal import Progress as TrainProgress
 from salpchain.training.trainer import Watch
 
 PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
@@ -110,3 +111,44 @@ def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
             console.print(f"{what} {now}  ({100 * share:.0f} % done)", highlight=False)
 
     return watch
+
+
+@contextmanager
+def sweep_display() -> Iterator[Callable[[Overall], None]]:
+    """A watcher of a whole study: share of the work, jobs done, time left."""
+    console = Console()
+    if not console.is_terminal:
+        yield _plain_sweep(console)
+        return
+    columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.fields[now]}"))
+    with Progress(*columns, TimeElapsedColumn(), console=console) as bar:
+        task = bar.add_task("", total=1.0, now="")
+        yield lambda now: bar.update(task, completed=now.share, now=_sweep_line(now))
+
+
+def _plain_sweep(console: Console) -> Callable[[Overall], None]:
+    last, done = -PLAIN_EVERY, -1
+
+    def watch(now: Overall) -> None:
+        nonlocal last, done
+        if now.done == done and time.monotonic() - last < PLAIN_EVERY:
+            return
+        last, done = time.monotonic(), now.done
+        console.print(f"{100 * now.share:.1f} %  {_sweep_line(now)}", highlight=False)
+
+    return watch
+
+
+def _sweep_line(now: Overall) -> str:
+    left = "" if now.seconds_left is None else f"  {_duration(now.seconds_left)} left"
+    bad = f"  {len(now.failures)} failed" if now.failures else ""
+    return f"{now.done} of {now.jobs} jobs{bad}{left}  {', '.join(now.running)}"
+
+
+def _duration(seconds: float) -> str:
+    minutes = int(seconds // 60)
+    return (
+        f"{minutes // 60} h {minutes % 60:02d} min"
+        if minutes >= 60
+        else f"{minutes} min {int(seconds) % 60:02d} s"
+    )

@@ -20,6 +20,7 @@ COMMANDS = {
     "figure": ("Figure", "draw learning curves or zero-shot curves"),
     "models": ("Models", "list the controllers and their parameter counts"),
     "bench": ("Bench", "measure the speed of physics and environment on this machine"),
+    "reproduce": ("Reproduce", "repeat the paper: the whole study, its figures and a report"),
     "demo": ("Demo", "train, test and draw in one go: what `make demo` runs"),
 }
 

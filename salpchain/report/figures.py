@@ -86,8 +86,8 @@ def learning_curves(runs: Sequence[Path], out: Path, window: int = 10) -> list[P
             panel.set_xlabel("million chain-steps")
             panel.set_xlim(left=0)
         _percent_axes(panels, f"{window}-rollout mean ± standard error")
-        _legend_below(figure, panels[0])
-        return _save(figure, out)
+        legend_below(figure, panels[:1])
+        return save(figure, out)
 
 
 def over_seeds(logs: Sequence[pd.DataFrame], measure: str, window: int) -> Curve:
@@ -212,8 +212,8 @@ def zero_shot(evaluations: Sequence[Path], out: Path) -> list[Path]:
             panel.set_xlabel("length (units)")
             panel.xaxis.set_major_locator(MaxNLocator(9, integer=True, steps=[1, 2, 4, 8, 10]))
         _percent_axes(panels, "mean over trials, 95 % interval")
-        _legend_below(figure, panels[0])
-        return _save(figure, out)
+        legend_below(figure, panels[:1])
+        return save(figure, out)
 
 
 def _read_evaluation(path: Path) -> dict[str, Any]:
@@ -308,16 +308,20 @@ def _percent_axes(panels: Iterable[Axes], label: str) -> None:
         panel.grid(axis="y", color="#dddddd", linewidth=0.6)
 
 
-def _legend_below(figure: Figure, panel: Axes) -> None:
-    """All lines that the panel names, those with intervals first."""
-    handles, labels = panel.get_legend_handles_labels()
-    order = sorted(range(len(labels)), key=lambda i: isinstance(handles[i], Line2D))
-    handles, labels = [handles[i] for i in order], [labels[i] for i in order]
+def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
+    """All lines that the panels name, each once, those with intervals first."""
+    pairs = [
+        pair for panel in panels for pair in zip(*panel.get_legend_handles_labels(), strict=True)
+    ]
+    named = {label: handle for handle, label in reversed(pairs)}
+    first = dict.fromkeys(label for _, label in pairs)
+    labels = sorted(first, key=lambda label: isinstance(named[label], Line2D))
     columns = min(len(labels), 5)
+    handles = [named[label] for label in labels]
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.2)
 
 
-def _save(figure: Figure, out: Path) -> list[Path]:
+def save(figure: Figure, out: Path) -> list[Path]:
     """The figure at `out`, as PNG and PDF: whole or not there, and the same bytes each time."""
     out.parent.mkdir(parents=True, exist_ok=True)
     drawn = {}

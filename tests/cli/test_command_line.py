@@ -82,6 +82,18 @@ BAD = [
     (["figure", "learning", "USED"], "USED"),
     (["models", "--length", "900"], "2 to 512"),
     (["bench", "--envs", "0"], "at least 1"),
+    (["reproduce", "--out", "NEW", "--models", "mlp,gnn"], "unknown model 'gnn'"),
+    (["reproduce", "--out", "NEW", "--models", "mlp", "--graphs", "full"], "an mlp has no graph"),
+    (["reproduce", "--out", "NEW", "--models", "mlp", "--tests", "4,8"], "got tests at 4"),
+    (["reproduce", "--out", "NEW", "--graphs", "ring"], "choose one of mixed, full"),
+    (["reproduce", "--out", "NEW", "--models", "gcn,"], "--models must be names"),
+    (["reproduce", "--out", "NEW", "--seeds", "0"], "at least 1"),
+    (["reproduce", "--out", "NEW", "--jobs", "0"], "at least 1"),
+    (["reproduce", "--out", "NEW", "--executor", "slurm"], "choose one of local, ray"),
+    (["reproduce", "--out", "NEW", "--address", "head:6379"], "add --executor ray"),
+    (["reproduce", "--out", "NEW", "--gpus", "1"], "add --executor ray"),
+    (["reproduce", "--out", "USED"], "holds something else than a study"),
+    (["reproduce", "--out", "USED/thesis.tex"], "is a file"),
 ]
 
 

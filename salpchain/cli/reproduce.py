@@ -1,0 +1,164 @@
+"""`salpchain reproduce`."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from salpchain.cli.options import Folder, Name, Whole, positive, text_option, whole
+from salpchain.cluster.grid import PAPER_TESTS, Grid, claim
+from salpchain.control.config import GRAPH_NAMES, SINGLE_LENGTH
+from salpchain.domain.config import one_of
+from salpchain.errors import InputError
+from salpchain.evaluation.config import parse_lengths
+from salpchain.files import alone
+
+if TYPE_CHECKING:
+    from salpchain.cluster.sweep import Executor
+
+EXECUTORS = ("local", "ray")
+Names = Annotated[str, text_option("NAME,NAME,...")]
+
+
+@dataclass(frozen=True)
+class Reproduce:
+    """Repeat the paper: train every controller, test it at all lengths, draw, and report.
+
+    Every model on every graph at every training length, with several seeds; then zero-shot trials
+    at 4 to 64 units with both time limits, Figures 3 and 4, and a page that says, claim by claim,
+    what held. Stopped or killed, the same command goes on; what is whole is not done again.
+
+    Example: salpchain reproduce --preset quick --seeds 3 --out studies/mine
+    """
+
+    out: Folder = "study"
+    """Folder of the study; new, empty, or one that this command began."""
+    preset: Name = "quick"
+    """quick (ours: minutes for each run) or paper (the paper's Table 2: hours for each)."""
+    models: Names = "mlp,gcn,gatv2,gt"
+    """Controllers."""
+    graphs: Names = ""
+    """Graphs of the graph controllers. Default: mixed,full."""
+    lengths: Annotated[str, text_option("N,N,...")] = "8,16"
+    """Training lengths."""
+    seeds: Whole = "5"
+    """Seeds of each configuration: 0, 1, 2, ..."""
+    steps: Whole = ""
+    """Chain-steps of each run. Default: the preset's."""
+    trials: Whole = "50"
+    """Episodes of each test length."""
+    tests: Annotated[str, text_option("FIRST:LAST:STEP | N,N,...")] = ""
+    """Lengths to test. Default: 4:64:4; without graph controllers, the training lengths."""
+    jobs: Whole = ""
+    """Runs at a time. Default: as many as fit this machine."""
+    executor: Annotated[str, text_option("local|ray")] = "local"
+    """local (processes on this machine) or ray (a cluster; needs the extra salpchain[cluster])."""
+    address: Annotated[str, text_option("HOST:PORT")] = ""
+    """Of the Ray cluster. Default: what RAY_ADDRESS names, else a new one on this machine."""
+    cpus: Whole = ""
+    """Cores for each run on Ray. Default: 1."""
+    gpus: Annotated[str, text_option("SHARE")] = ""
+    """Share of a GPU for each configuration on Ray, whose seeds then train side by side."""
+    dry_run: bool = False
+    """Print the plan with an estimate of time and disk, and do nothing."""
+
+
+def run(options: Reproduce) -> int:
+    """The whole study; 1 if a run failed for good, 2 if results were damaged."""
+    grid = grid_of(options)
+    folder = Path(options.out)
+    one_of("executor", options.executor, EXECUTORS)
+    for name in ("address", "cpus", "gpus"):
+        if getattr(options, name) and options.executor != "ray":
+            raise InputError(f"--{name} is for a Ray cluster: add --executor ray")
+    jobs = positive("jobs", options.jobs) if options.jobs else None
+    if options.dry_run:
+        from salpchain.cluster.cost import plan
+
+        print(plan(grid, jobs))
+        return 0
+    claim(folder, grid)
+    with alone(folder):
+        return _study(folder, grid, options, jobs)
+
+
+def grid_of(options: Reproduce) -> Grid:
+    """The grid that the options ask for.
+
+    Raises:
+        InputError: names or numbers that cannot be.
+    """
+    models = _names("models", options.models)
+    graphs = _names("graphs", options.graphs) if options.graphs else ()
+    lengths = tuple(parse_lengths(options.lengths))
+    tests = tuple(parse_lengths(options.tests)) if options.tests else lengths
+    if any(model not in SINGLE_LENGTH for model in models):
+        graphs = graphs or GRAPH_NAMES
+        tests = tests if options.tests else PAPER_TESTS
+    return Grid(
+        preset=options.preset,
+        models=models,
+        graphs=graphs,
+        lengths=lengths,
+        seeds=positive("seeds", options.seeds),
+        steps=whole("steps", options.steps),
+        trials=positive("trials", options.trials),
+        tests=tests,
+    )
+
+
+def _names(option: str, text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if "" in names:
+        raise InputError(f"--{option} must be names with commas between, got {text!r}")
+    return names
+
+
+def _study(folder: Path, grid: Grid, options: Reproduce, jobs: int | None) -> int:
+    from salpchain.cli.display import sweep_display
+    from salpchain.cluster.outcome import write_outcome
+    from salpchain.cluster.results import set_damaged_aside
+    from salpchain.cluster.sweep import sweep
+
+    damaged = set_damaged_aside(folder, grid)
+    if damaged:
+        more = f" (and {len(damaged) - 1} more)" if len(damaged) > 1 else ""
+        raise InputError(f"{damaged[0]}{more}; the same command does it again")
+    try:
+        executor, together = _executor(folder, options, jobs)
+        with sweep_display() as watch:
+            failures = sweep(folder, grid, executor, watch, together)
+    except KeyboardInterrupt:
+        print("stopped. The same command goes on where it was")
+        return 130
+    for line in failures:
+        print(f"failed: {line}", file=sys.stderr)
+    pages = write_outcome(folder, grid)
+    print(f"wrote {pages}")
+    return 1 if failures else 0
+
+
+def _executor(folder: Path, options: Reproduce, jobs: int | None) -> "tuple[Executor, bool]":
+    """Where runs go, and whether the seeds of a configuration train side by side."""
+    if options.executor == "ray":
+        from salpchain.cluster.on_ray import RayExecutor
+
+        cpus = positive("cpus", options.cpus) if options.cpus else 1
+        share = _share_of_gpu(options.gpus)
+        return RayExecutor(folder, options.address, jobs, cpus, share), share > 0
+    from salpchain.cluster.local import LocalExecutor
+    from salpchain.cluster.machine import gpus, jobs_that_fit
+
+    there = gpus()
+    return LocalExecutor(folder, jobs or there or jobs_that_fit(), there), there > 0
+
+
+def _share_of_gpu(text: str) -> float:
+    """A part of one GPU, or a whole number of them; none if nothing is given."""
+    try:
+        share = float(text or 0)
+    except ValueError:
+        share = -1.0
+    if not (0 <= share <= 1 or share.is_integer()) or share < 0:
+        raise InputError(f"--gpus must be a share of 0 to 1, or a whole number, got {text}")
+    return share

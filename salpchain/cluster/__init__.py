@@ -1,0 +1,1 @@
+"""Many runs: the paper's grid, on this machine or on a cluster."""

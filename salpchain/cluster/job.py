@@ -1,0 +1,102 @@
+"""Jobs of a study as a process of their own: trains or goes on training, then tests.
+
+python -m salpchain.cluster.job FOLDER NUMBER[,NUMBER...] [DEVICES]
+
+NUMBER counts the grid's jobs; the one past them is the baseline's tests. Several jobs are seeds of
+one configuration, which train side by side. Whatever is whole already is left as it is.
+"""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from salpchain.cluster.grid import TEST_SEED, Grid, Job, read_grid
+from salpchain.cluster.results import baseline_untested, is_trained, run_of, untested
+from salpchain.control.greedy import Greedy
+from salpchain.control.policy import Controller
+from salpchain.control.storage import load
+from salpchain.errors import InputError
+from salpchain.evaluation.evaluate import evaluate
+from salpchain.training.devices import use_devices
+from salpchain.training.journal import NotFiniteError, Progress
+from salpchain.training.trainer import train_together
+
+PATIENCE = 300.0  # s for a process whose parent died to save and let go of its run (chosen)
+
+Lengths = tuple[int, ...]
+
+
+def do_jobs(folder: Path, grid: Grid, jobs: Sequence[Job], devices: int | None = None) -> None:
+    """Everything of some jobs, which differ in their seeds alone, that is not done yet.
+
+    Raises:
+        InputError: a damaged file.
+        NotFiniteError: a training blew up; the other jobs are whole.
+        KeyboardInterrupt: asked to stop; the trainings are saved.
+    """
+    use_devices(devices)
+    broken = None
+    fresh = [job for job in jobs if not is_trained(folder, job)]
+    if fresh:
+        runs, stop = [run_of(folder, job) for job in fresh], _stop_with_parent()
+        try:
+            train_together(
+                [x.config for x in fresh], runs, stop, devices=devices, patience=PATIENCE
+            )
+        except NotFiniteError as error:
+            broken = error
+    for job in (job for job in jobs if is_trained(folder, job)):
+        run = run_of(folder, job)
+        for limit in untested(folder, job):
+            _test(load(run), job.tests[limit], limit, grid, run)
+    if broken:
+        raise broken
+
+
+def do_baseline(folder: Path, grid: Grid, devices: int | None = None) -> None:
+    """The greedy controller's tests that are not done yet."""
+    use_devices(devices)
+    for limit in baseline_untested(folder, grid):
+        _test(Greedy(), grid.tests, limit, grid, folder / "greedy")
+
+
+def _test(controller: Controller, lengths: Lengths, limit: str, grid: Grid, place: Path) -> None:
+    stop = _stop_with_parent()
+    evaluate(
+        controller, lengths, grid.trials, limit, TEST_SEED, place / limit,
+        baseline=False, progress=lambda *_: stop(Progress(0, 0)),
+    )  # fmt: skip
+
+
+def _stop_with_parent() -> Callable[[Progress], None]:
+    """A watcher that interrupts this process once the one that started it has died."""
+    parent = os.getppid()
+
+    def watch(_: Progress) -> None:
+        if os.getppid() != parent:
+            raise KeyboardInterrupt
+
+    return watch
+
+
+def main() -> None:
+    """Does the jobs that the command line names."""
+    folder, numbers = Path(sys.argv[1]), [int(word) for word in sys.argv[2].split(",")]
+    devices = int(sys.argv[3]) if len(sys.argv) > 3 else None
+    grid = read_grid(folder)
+    jobs = grid.jobs()
+    try:
+        if numbers == [len(jobs)]:
+            do_baseline(folder, grid, devices)
+        else:
+            do_jobs(folder, grid, [jobs[number] for number in numbers], devices)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except (InputError, NotFiniteError, OSError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,34 @@
+"""What this machine has room for."""
+
+import os
+import subprocess
+import sys
+
+MEMORY = 1.5  # GiB that a job may take (chosen; the largest were seen to take 1.2)
+
+
+def jobs_that_fit() -> int:
+    """One for each core, as far as memory allows."""
+    return max(1, min(cores(), int(_memory() // MEMORY)))
+
+
+def gpus() -> int:
+    """Accelerators that JAX sees; asked in a process of its own, which lets go of them again."""
+    code = "import jax; print(jax.default_backend() != 'cpu' and jax.local_device_count() or 0)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _memory() -> float:
+    """Of this machine, GiB; unknown is plenty."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    except (AttributeError, ValueError, OSError):
+        return 1e6

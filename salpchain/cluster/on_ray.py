@@ -1,0 +1,116 @@
+"""Jobs as Ray tasks, on one machine or on a cluster whose nodes share the study's folder.
+
+A task runs the same process as `local` does (`salpchain.cluster.job`), so that a job that crashes
+takes no worker with it. Ray starts a task again when its worker or node dies; its jobs go on from
+their checkpoints.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from salpchain.cluster import process
+from salpchain.cluster.sweep import RETRIES, End, Task
+from salpchain.errors import InputError
+
+try:
+    import ray
+    from ray.exceptions import RayError
+except ImportError:
+    ray = None
+
+MANY = 10**6  # tasks at a time: Ray starts them when there is room
+
+
+class RayExecutor:
+    """As many tasks at a time as the cluster has room for, or as are asked for.
+
+    Each takes `cpus` cores, over which it shares out its chains, and `gpus` of a GPU.
+
+    Raises:
+        InputError: Ray is missing, no cluster is at the address, or none of its nodes has as much
+            as a task takes.
+    """
+
+    def __init__(
+        self, folder: Path, address: str = "", jobs: int | None = None, cpus: int = 1,
+        gpus: float = 0.0,
+    ) -> None:  # fmt: skip
+        if ray is None:
+            raise InputError("Ray is missing: pip install 'salpchain[cluster]'")
+        self.folder, self.jobs = folder.resolve(), jobs
+        self.cpus, self.gpus = cpus, gpus
+        self._tasks: dict[Any, Task] = {}
+        _join(address)
+        _check_room(cpus, gpus)
+
+    @property
+    def room(self) -> int:
+        """How many more tasks may be handed to Ray."""
+        return (self.jobs or MANY) - len(self._tasks)
+
+    def start(self, task: Task) -> None:
+        """Hands a task to Ray."""
+        options = {"num_cpus": self.cpus, "num_gpus": self.gpus, "max_retries": RETRIES}
+        devices = None if self.gpus else self.cpus
+        remote = ray.remote(**options)(_run)  # type: ignore[union-attr]
+        self._tasks[remote.remote(str(self.folder), task, devices, self.gpus)] = task
+
+    def ended(self) -> dict[Task, End]:
+        """The tasks that have ended since the last call."""
+        if not self._tasks:
+            return {}
+        over, _ = ray.wait(list(self._tasks), num_returns=len(self._tasks), timeout=0)  # type: ignore[union-attr]
+        return {self._tasks.pop(handle): self._end(handle) for handle in over}
+
+    def _end(self, handle: Any) -> End:
+        try:
+            task, status = ray.get(handle)  # type: ignore[union-attr]
+        except RayError as error:
+            return End(False, retry=True, message=_first_line(error))
+        return process.end_of(self.folder, tuple(task), status)
+
+    def stop(self) -> None:
+        """Asks all to save and stop, and waits until they have."""
+        handles = list(self._tasks)
+        for handle in handles:
+            ray.cancel(handle)  # type: ignore[union-attr]
+        if handles:
+            ray.wait(handles, num_returns=len(handles))  # type: ignore[union-attr]
+        self._tasks.clear()
+        ray.shutdown()  # type: ignore[union-attr]
+
+
+def _join(address: str) -> None:
+    try:
+        ray.init(address=address or None, log_to_driver=False)  # type: ignore[union-attr]
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        raise InputError(
+            f"no Ray cluster at {address or 'RAY_ADDRESS'} ({_first_line(error)}): start one with"
+            " `ray start --head`, or leave --address out"
+        ) from None
+
+
+def _check_room(cpus: int, gpus: float) -> None:
+    """Ray would wait for ever for a node that has this much."""
+    nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]  # type: ignore[union-attr]
+    if not any(node.get("CPU", 0) >= cpus and node.get("GPU", 0) >= gpus for node in nodes):
+        most = {name: max(node.get(name, 0) for node in nodes) for name in ("CPU", "GPU")}
+        raise InputError(
+            f"no node of the Ray cluster has {cpus} CPUs and {gpus:g} GPUs: the largest have"
+            f" {most['CPU']:g} and {most['GPU']:g}"
+        )
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().split("\n")[0]
+
+
+def _run(folder: str, task: Task, devices: int | None, gpus: float) -> tuple[Task, int]:
+    """Runs the task's process to its end; an interrupt is passed on, and waited for."""
+    running = process.start(Path(folder), task, devices, process.gpu_share(gpus))
+    try:
+        status = running.wait()
+    except KeyboardInterrupt:
+        running.send_signal(2)
+        status = running.wait()
+    return task, status

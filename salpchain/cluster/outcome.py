@@ -1,0 +1,185 @@
+"""What came out of a study: its figures, tables and report, in FOLDER/report/.
+
+Made anew from the results whenever a study ends; of an unfinished one, from its whole runs.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from salpchain.cluster.grid import Grid, Job
+from salpchain.cluster.results import is_trained, run_of, untested
+from salpchain.errors import InputError
+from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
+from salpchain.files import read_json, write_json, write_text
+from salpchain.report.claims import Claim, facts, judge
+from salpchain.report.pages import Report, Table, write_report
+from salpchain.report.paper_figures import figure_3, figure_4
+from salpchain.report.study import Entry, breakpoint_of, zero_shot_table
+from salpchain.training.run_folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
+
+REPORT = "report"
+PAPER_LIMIT = "fixed"  # the paper's time limit, by which its claims are judged
+
+
+def write_outcome(folder: Path, grid: Grid) -> Path:
+    """Figures, tables and report of all runs that are whole; returns the report's page.
+
+    Raises:
+        InputError: no run is whole, or a result cannot be read.
+    """
+    entries = [_entry(folder, job) for job in grid.jobs() if is_trained(folder, job)]
+    if not entries:
+        raise InputError(f"{folder} has no whole run yet")
+    limit = PAPER_LIMIT if PAPER_LIMIT in grid.time_limits else grid.time_limits[0]
+    claims = judge(facts(entries, limit))
+    place = folder / REPORT
+    place.mkdir(exist_ok=True)
+    training = _training(folder, grid)
+    write_text(place / "training.csv", training.to_csv(index=False))
+    for limit in grid.time_limits:
+        table = zero_shot_table(entries, limit)
+        write_text(place / f"zero-shot-{limit}.csv", table.to_csv(index=False))
+    write_json(place / "study.json", _record(grid, training, claims))
+    about = _about(grid, len(entries), training)
+    tables = [_training_page(training), *(_reach_page(entries, t) for t in grid.time_limits)]
+    report = Report("The paper, repeated", about, claims, tables, _draw(entries, grid, place))
+    return write_report(report, place)[1]
+
+
+def _entry(folder: Path, job: Job) -> Entry:
+    run, control = run_of(folder, job), job.config.control
+    missing = untested(folder, job)
+    return Entry(
+        model=control.model,
+        graph="" if job.config.name.startswith("mlp") else control.graph,
+        length=job.config.task.length,
+        seed=job.config.seed,
+        log=_log(run / METRICS_FILE),
+        tests={
+            limit: read_json(run / limit / TESTS_FILE)
+            for limit in job.tests
+            if limit not in missing
+        },
+    )
+
+
+def _log(path: Path) -> pd.DataFrame:
+    try:
+        return pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path} is not a log of a run ({error})") from None
+
+
+def _training(folder: Path, grid: Grid) -> Any:
+    """A row for each whole run: what it is, what it took, how well it does at its own length."""
+    rows = []
+    for job in grid.jobs():
+        if not is_trained(folder, job):
+            continue
+        run = run_of(folder, job)
+        summary, device = read_json(run / SUMMARY_FILE), read_json(run / CONFIG_FILE)["device"]
+        first = summary.get("reached_95_percent") or {}
+        rows.append(
+            {
+                "controller": job.config.name,
+                "length": job.config.task.length,
+                "seed": job.config.seed,
+                "steps": summary["steps"],
+                "seconds": summary["seconds"],
+                "steps_to_95_percent": first.get("steps"),
+                "success_in_training": summary["success"],
+                **_own_tests(run, job),
+                "device": device,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _own_tests(run: Path, job: Job) -> dict[str, float | None]:
+    """Tests at the training length with the paper's time limit."""
+    path = run / PAPER_LIMIT / TESTS_FILE
+    own = job.config.task.length
+    tests = read_json(path)["lengths"] if path.exists() else []
+    row = next((x for x in tests if x["length"] == own), None)
+    return {
+        "success": row["success"]["mean"] if row else None,
+        "closed_fraction": row["closed_fraction"]["mean"] if row else None,
+    }
+
+
+def _record(grid: Grid, training: Any, claims: Sequence[Claim]) -> dict[str, Any]:
+    return {
+        "grid": dataclasses.asdict(grid),
+        "runs": len(training),
+        "of": len(grid.jobs()),
+        "machine_hours": round(float(training["seconds"].sum()) / 3600, 2),
+        "claims": [dataclasses.asdict(claim) for claim in claims],
+    }
+
+
+def _draw(entries: Sequence[Entry], grid: Grid, place: Path) -> dict[str, Path]:
+    drawn = {"Figure 3: learning curves": figure_3(entries, place / "figure-3.png")[0]}
+    for limit in grid.time_limits:
+        if any(entry.model != "mlp" and limit in entry.tests for entry in entries):
+            caption = f"Figure 4: zero-shot tests, {limit} time limit"
+            drawn[caption] = figure_4(entries, limit, place / f"figure-4-{limit}.png")[0]
+    return drawn
+
+
+def _about(grid: Grid, done: int, training: Any) -> list[str]:
+    jobs = len(grid.jobs())
+    hours = training["seconds"].sum() / 3600
+    whole = f"All {jobs} runs are whole." if done == jobs else f"{done} of {jobs} runs are whole."
+    devices = ", ".join(sorted(set(training["device"])))
+    return [
+        f"Preset {grid.preset}; controllers {', '.join(grid.models)}; training lengths"
+        f" {', '.join(map(str, grid.lengths))}; {grid.seeds} seeds; {grid.trials} trials for each"
+        f" test length. {whole} Trainings took {hours:.1f} hours in all, on: {devices}.",
+        "The claims are judged by the paper's time limit. `paper-normalised` rescales each"
+        " controller by its own best and worst length, as the paper does: it shows where a"
+        " controller breaks down, and compares none with another.",
+    ]
+
+
+def _training_page(training: Any) -> Table:
+    rows = []
+    for (name, length), some in training.groupby(["controller", "length"], sort=False):
+        rows.append(
+            [
+                str(name),
+                str(length),
+                str(len(some)),
+                _spread(100 * some["success_in_training"], 1, " %"),
+                _spread(100 * some["success"].astype(float), 1, " %"),
+                _spread(some["seconds"] / 60, 1, " min"),
+            ]
+        )
+    columns = ["controller", "units", "seeds", "success in training", "success in tests", "time"]
+    note = "Median over seeds, in brackets the lowest and the highest. Tests: deterministic policy."
+    return Table("At the training length", columns, rows, note)
+
+
+def _spread(values: Any, digits: int, unit: str) -> str:
+    """Median (lowest to highest)."""
+    values = values.dropna()
+    if values.empty:
+        return "-"
+    low, mid, high = (f"{x:.{digits}f}" for x in (values.min(), values.median(), values.max()))
+    return f"{mid}{unit}" if len(values) == 1 else f"{mid}{unit} ({low} to {high})"
+
+
+def _reach_page(entries: Sequence[Entry], limit: str) -> Table:
+    table: Any = zero_shot_table([e for e in entries if e.model != "mlp"], limit)
+    rows = []
+    groups = table.groupby(["controller", "length"], sort=False) if len(table) else ()
+    for (name, length), some in groups:
+        ends = (breakpoint_of(some, m) for m in ("closed_fraction", "paper_normalised", "success"))
+        rows.append([str(name), str(length), *(str(end or "none") for end in ends)])
+    columns = ["controller", "trained on", "90 % closed", "90 % paper-normalised", "90 % success"]
+    title = f"How far it transfers, {limit} time limit"
+    note = "The largest length up to which the mean over seeds never falls below 90 %."
+    return Table(title, columns, rows, note)

@@ -1,0 +1,56 @@
+"""The process that does jobs, wherever it is started: here, or by a Ray task on some node."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from salpchain.cluster.sweep import End, Task
+
+CACHE = "cache"  # folder of compiled programs, which jobs of one configuration share
+MEMORY = 0.9  # of its share of a GPU that a process takes (chosen)
+
+
+def start(
+    folder: Path, task: Task, devices: int | None, extra: dict[str, str] | None = None
+) -> subprocess.Popen:
+    """A process that does these jobs of the study; what it prints goes to a file of its own.
+
+    `devices`: over how many its chains are shared out, None for as many as there are. `extra`: of
+    its environment.
+    """
+    log = _log(folder, task)
+    log.parent.mkdir(parents=True, exist_ok=True)
+    words = [sys.executable, "-m", "salpchain.cluster.job", str(folder), _numbers(task)]
+    cache = {"JAX_COMPILATION_CACHE_DIR": str(folder / CACHE)}
+    environment = {**cache, **os.environ, **(extra or {})}
+    with log.open("wb") as file:
+        return subprocess.Popen(
+            [*words, *([] if devices is None else [str(devices)])],
+            stdout=file, stderr=file, env=environment, start_new_session=True,
+        )  # fmt: skip
+
+
+def gpu_share(share: float) -> dict[str, str]:
+    """For `start`: memory for a process that has this share of a GPU; nothing if it has none."""
+    return {"XLA_PYTHON_CLIENT_MEM_FRACTION": f"{MEMORY * share:.2f}"} if 0 < share < 1 else {}
+
+
+def end_of(folder: Path, task: Task, status: int) -> End:
+    """How a process with this exit status ended, with its last word."""
+    if status < 0:
+        return End(False, retry=True, message=f"killed by {signal.Signals(-status).name}")
+    try:
+        lines = _log(folder, task).read_text(errors="replace").strip().splitlines()
+    except FileNotFoundError:
+        lines = []
+    return End(status == 0, message=lines[-1] if lines else f"exit status {status}")
+
+
+def _log(folder: Path, task: Task) -> Path:
+    return folder / "logs" / f"{_numbers(task)}.txt"
+
+
+def _numbers(task: Task) -> str:
+    return ",".join(map(str, task))

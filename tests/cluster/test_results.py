@@ -1,0 +1,82 @@
+"""What is whole is told from what is not, and what is damaged is set aside, by name."""
+
+import json
+
+import numpy as np
+import pytest
+
+from salpchain.cluster.grid import Grid
+from salpchain.cluster.results import (
+    is_trained,
+    run_of,
+    set_damaged_aside,
+    trained_share,
+    untested,
+)
+from salpchain.files import write_arrays
+
+GRID = Grid(models=("gcn",), graphs=("mixed",), lengths=(8,), seeds=2, tests=(4,))
+JOB, OTHER = GRID.jobs()
+TESTS = {"lengths": [{"length": 4, "success": {}, "closed_fraction": {}, "final_distance": {}}]}
+
+
+@pytest.fixture
+def study(tmp_path):
+    """Two whole runs with their tests."""
+    for job in (JOB, OTHER):
+        run = run_of(tmp_path, job)
+        for limit in job.tests:
+            (run / limit).mkdir(parents=True)
+            (run / limit / "evaluation.json").write_text(json.dumps(TESTS))
+        (run / "summary.json").write_text(json.dumps({"steps": 1, "seconds": 1, "success": 1}))
+        for kind in ("policy", "checkpoint"):
+            write_arrays(run / f"{kind}.safetensors", kind, 1, {}, {"w": np.ones(3)})
+    return tmp_path
+
+
+def test_whole_results_are_left_alone(study):
+    assert set_damaged_aside(study, GRID) == []
+    assert is_trained(study, JOB) and not untested(study, JOB)
+
+
+@pytest.mark.parametrize("name", ["summary.json", "policy.safetensors", "checkpoint.safetensors"])
+def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
+    run = run_of(study, JOB)
+    harmed = (run / name).read_bytes()[:-4]
+    (run / name).write_bytes(harmed)
+    [line] = set_damaged_aside(study, GRID)
+    assert name in line and "seed-0.damaged" in line
+    assert not is_trained(study, JOB) and untested(study, JOB) == ["fixed", "scaled"]
+    assert (run.with_name("seed-0.damaged") / name).read_bytes() == harmed
+    assert is_trained(study, OTHER) and set_damaged_aside(study, GRID) == []
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"lengths": [{"length": 4}]}', '{"lengths": 3}'])
+def test_damaged_tests_are_set_aside_alone(study, content):
+    place = run_of(study, JOB) / "scaled"
+    (place / "evaluation.json").write_text(content)
+    [line] = set_damaged_aside(study, GRID)
+    assert "scaled" in line
+    assert (place.with_name("scaled.damaged") / "evaluation.json").read_text() == content
+    assert is_trained(study, JOB) and untested(study, JOB) == ["scaled"]
+
+
+def test_damage_done_twice_overwrites_nothing(study):
+    for _ in range(2):
+        run = run_of(study, JOB)
+        run.mkdir(exist_ok=True)
+        (run / "summary.json").write_text("half")
+        assert len(set_damaged_aside(study, GRID)) == 1
+    assert sorted(p.name for p in run.parent.iterdir()) == [
+        "seed-0.damaged", "seed-0.damaged1", "seed-1",
+    ]  # fmt: skip
+
+
+def test_the_share_of_a_training_is_that_of_its_last_whole_row(study):
+    run = run_of(study, JOB)
+    assert trained_share(study, JOB) == 1.0
+    (run / "summary.json").unlink()
+    assert trained_share(study, JOB) == 0.0
+    half = JOB.config.iterations // 2
+    (run / "metrics.csv").write_text(f"iteration,steps\n{half - 1},1\n{half},1\n{half + 1},")
+    assert trained_share(study, JOB) == pytest.approx(half / JOB.config.iterations)

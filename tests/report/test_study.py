@@ -1,0 +1,148 @@
+"""A study's claims are judged by its numbers, and its pages say what they were."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from salpchain.report.claims import facts, judge, success_at_end
+from salpchain.report.pages import Report, Table, write_report
+from salpchain.report.paper_figures import figure_3, figure_4, interval_half
+from salpchain.report.study import Entry, breakpoint_of, episode_return, zero_shot_table
+
+TESTS = (4, 8, 12, 16, 20, 24, 28, 32)
+BEST = {"gt mixed": 0.96, "gt full": 0.96, "mlp": 0.93, "gcn mixed": 0.92, "gatv2 mixed": 0.92}
+PAPER = {**BEST, "gcn full": 0.7, "gatv2 full": 0.8}  # success at the end of training
+
+
+def log(success, rollouts=40):
+    rise = np.linspace(0, success, rollouts - 4)
+    return pd.DataFrame(
+        {
+            "iteration": np.arange(1, rollouts + 1),
+            "steps": 100 * np.arange(1, rollouts + 1),
+            "episodes": 10,
+            "success": [*rise, *[success] * 4],
+            "reward_approach": 0.01,
+            "reward_goal": 0.02,
+        }
+    )
+
+
+def flat_then_linear(at, knee):
+    return 1.0 if at <= knee else 1.0 - 0.02 * (at - knee)
+
+
+def zero_shot_of(knee):
+    """Closed fraction 1 up to the knee, then falling in a line; distance likewise."""
+    rows = []
+    for at in TESTS:
+        held = flat_then_linear(at, knee)
+        rows.append(
+            {
+                "length": at,
+                "trials": 50,
+                "success": {"mean": held},
+                "closed_fraction": {"mean": held},
+                "final_distance": {"mean": 1.0 - held},
+            }
+        )
+    return {"lengths": rows}
+
+
+def entries(successes, knee=16, lengths=(8,), seeds=2):
+    made = []
+    for length in lengths:
+        for seed in range(seeds):
+            for name, success in successes.items():
+                model, _, graph = name.partition(" ")
+                tests = {} if model == "mlp" else {"fixed": zero_shot_of(knee)}
+                made.append(Entry(model, graph, length, seed, log(success), tests))
+    return made
+
+
+def verdicts(some):
+    return {claim.text: claim.held for claim in judge(facts(some, "fixed"))}
+
+
+def test_all_claims_hold_in_a_study_like_the_papers():
+    found = verdicts(entries(PAPER))
+    assert len(found) == 6 and set(found.values()) == {True}
+
+
+@pytest.mark.parametrize(
+    ("changed", "claim"),
+    [
+        ({"mlp": 0.99}, "trains best"),
+        ({"gatv2 mixed": 0.5}, "come close"),
+        ({"gcn full": 0.95}, "fall behind"),
+        ({"gt full": 0.8}, "as well on full"),
+    ],
+)
+def test_a_claim_about_training_falls_with_its_numbers(changed, claim):
+    found = verdicts(entries({**PAPER, **changed}))
+    assert [held for text, held in found.items() if claim in text] == [False]
+
+
+def test_the_breakpoint_claim_falls_when_controllers_break_down_earlier():
+    found = verdicts(entries(PAPER, knee=8))
+    assert [held for text, held in found.items() if "twice" in text] == [False]
+    assert [held for text, held in found.items() if "linearly" in text] == [True]
+
+
+def test_what_a_study_did_not_train_it_cannot_tell():
+    found = verdicts(entries({"gcn mixed": 0.9}))
+    held = {text.split(": ")[-1]: value for text, value in found.items()}
+    assert [value for text, value in held.items() if "transformer" in text] == [None] * 3
+
+
+def test_two_training_lengths_are_judged_apart_and_compared():
+    found = verdicts(entries(PAPER, knee=32, lengths=(8, 16)))
+    assert sum(text.startswith("8 units") for text in found) == 4
+    assert sum(text.startswith("16 units") for text in found) == 4
+    assert [v for text, v in found.items() if "serve shorter chains" in text] == [True]
+
+
+def test_success_at_the_end_is_that_of_the_last_tenth():
+    table = log(0.8)
+    table.loc[: len(table) - 5, "success"] = 0.0
+    assert success_at_end(table) == pytest.approx(0.8)
+    table["episodes"] = 0
+    assert np.isnan(success_at_end(table))
+
+
+def test_a_return_is_the_sum_of_an_episodes_rewards():
+    """100 steps a rollout, 0.03 a step, 10 episodes: 0.3 for each."""
+    assert episode_return(log(1.0)).to_numpy() == pytest.approx(0.3)
+
+
+def test_a_breakpoint_is_the_last_length_before_the_first_below_90_percent():
+    table = zero_shot_table(entries({"gcn mixed": 1.0}, knee=16), "fixed")
+    assert breakpoint_of(table, "closed_fraction") == 20
+    assert breakpoint_of(table[table["at"] > 24], "closed_fraction") is None
+
+
+def test_intervals_over_seeds_are_students():
+    assert interval_half(np.array([1.0]), 1) == 0
+    assert interval_half(np.array([1.0]), 3)[0] == pytest.approx(4.303 / 3**0.5, rel=1e-3)
+
+
+def test_the_papers_figures_are_drawn_of_any_part_of_a_study(tmp_path):
+    for some in (entries(PAPER, lengths=(8, 16)), entries({"gcn mixed": 0.9}, seeds=1)):
+        for path in (
+            *figure_3(some, tmp_path / "3.png"),
+            *figure_4(some, "fixed", tmp_path / "4.png"),
+        ):
+            assert path.stat().st_size > 10_000
+
+
+def test_the_page_needs_no_other_file_and_escapes_what_it_shows(tmp_path):
+    [image, _] = figure_3(entries({"mlp": 0.9}), tmp_path / "figure-3.png")
+    table = Table("Times <b>", ["a|b", "c"], [["1", "<script>"]])
+    claims = judge(facts(entries(PAPER), "fixed"))
+    report = Report("Title", ["About & more"], claims, [table], {"Figure 3": image})
+    text, page = (path.read_text() for path in write_report(report, tmp_path))
+    assert "![Figure 3](figure-3.png)" in text and "a\\|b" in text and "| held |" in text
+    assert "<script>" not in page and "About &amp; more" in page
+    assert re.findall(r'(?:src|href)="(?!data:)', page) == []
