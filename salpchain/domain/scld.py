@@ -96,7 +96,7 @@ class SCLD(eqx.Module):
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own."""
-        zero, no = jnp.float32(0), jnp.zeros((), bool)
+        zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust = jnp.zeros_like(chain.units.angle)
         now = distances(chain, target)
         return State(

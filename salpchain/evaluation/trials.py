@@ -157,7 +157,7 @@ def _begin_all(
 
 def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
     state = env.reset(key, length)
-    zero = jnp.float32(0)
+    zero = jnp.zeros(())
     return Trial(
         state=state,
         origin=_centroid(state.chain),
