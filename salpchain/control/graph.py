@@ -6,7 +6,9 @@ from typing import Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
+
+from salpchain.errors import InputError
 
 Heads = Float[Array, "unit *head feature"]
 Scores = Float[Array, "unit seen *head"]
@@ -136,9 +138,18 @@ def full(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGr
     return of_adjacency(present[:, None] & present)
 
 
-def of_adjacency(sees: Bool[Array, "unit unit"]) -> DenseGraph:
-    """Your own graph: `sees[i, j]` says that unit i hears unit j; self loops are added."""
-    return DenseGraph(sees | jnp.eye(sees.shape[0], dtype=bool))
+def of_adjacency(sees: ArrayLike) -> DenseGraph:
+    """Your own graph, (n, n) of bool: `sees[i, j]` says that unit i hears unit j.
+
+    Self loops are added. Leave rows and columns of dead slots false.
+
+    Raises:
+        InputError: not a square of booleans.
+    """
+    shape, kind = jnp.shape(sees), jnp.result_type(sees)
+    if len(shape) != 2 or shape[0] != shape[1] or not jnp.issubdtype(kind, jnp.bool_):
+        raise InputError(f"a graph is an (n, n) array of bool, got {kind} of shape {shape}")
+    return DenseGraph(jnp.asarray(sees) | jnp.eye(shape[0], dtype=bool))
 
 
 GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {"mixed": mixed, "full": full}

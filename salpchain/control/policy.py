@@ -77,5 +77,18 @@ class Policy(eqx.Module):
     card: PolicyCard = eqx.field(static=True)
 
     def act(self, state: State, graph: Graph | None = None) -> Float[Array, "unit act"]:
-        """Mean actions; on another graph than the policy's own if one is given."""
+        """Mean actions; on another graph than the policy's own if one is given.
+
+        Raises:
+            InputError: a graph of another size than the chain, or for a policy that has none.
+        """
+        if graph is not None:
+            self._check(graph, slots=state.chain.present.shape[0])
         return self.network.act(state.obs, state.chain.present, state.chain.joined, graph)
+
+    def _check(self, graph: Graph, slots: int) -> None:
+        if self.card.control.model in SINGLE_LENGTH:
+            raise InputError(f"an {self.card.control.model} has no graph: give none")
+        nodes = graph.degree().shape[0]
+        if nodes != slots:
+            raise InputError(f"the graph has {nodes} nodes, the chain {slots} slots")

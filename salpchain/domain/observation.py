@@ -19,7 +19,7 @@ Pair = tuple[Row, Row]  # x and y
 
 
 def observe(
-    name: str, chain: Chain, target: Float[Array, "unit 2"], thrust: Float[Array, " unit"]
+    name: str, chain: Chain, target: Float[Array, "unit 2"], force: Float[Array, "unit 2"]
 ) -> Float[Array, "unit feature"]:
     """The named observation of one chain; zeros in dead slots. Fast under `jax.vmap`.
 
@@ -27,23 +27,23 @@ def observe(
         name: a key of `OBSERVATIONS`.
         chain: where the chain is.
         target: one point (m) for each unit.
-        thrust: what each unit exerted (N) in the last control step.
+        force: of each unit's thrust in the last control step (N, world axes), as it acted.
     """
-    return _observe(name, chain, target, thrust)
+    return _observe(name, chain, target, force)
 
 
 @over_the_batch
-def _observe(name: str, chain: Chain, target: Array, thrust: Array) -> Array:
-    rows = OBSERVATIONS[name](View(chain, target, thrust))
+def _observe(name: str, chain: Chain, target: Array, force: Array) -> Array:
+    rows = OBSERVATIONS[name](View(chain, target, force))
     return jnp.where(chain.present[:, None], jnp.stack(rows, axis=1), 0.0)
 
 
 class View:
     """The chain and its target as rows, with what both observations need of them."""
 
-    def __init__(self, chain: Chain, target: Array, thrust: Array) -> None:
+    def __init__(self, chain: Chain, target: Array, force: Array) -> None:
         """Rows of a chain, of a batch of chains with the batch last."""
-        self.chain, self.thrust = chain, thrust
+        self.chain, self.force = chain, _pair(force)
         self.position = _pair(chain.units.position)
         self.velocity = _pair(chain.units.velocity)
         self.target = _pair(target)
@@ -90,9 +90,8 @@ def table1(view: View) -> list[Row]:
     """The 24 numbers of the paper's Table 1, in its order, in world axes; SI units."""
     units = view.chain.units
     index = _indices(units.angle)
-    cosine, sine = view.turn
     previous, following = view.towards(view.position)
-    force = [view.neighbours(row) for row in (-sine * view.thrust, cosine * view.thrust)]
+    force = [view.neighbours(row) for row in view.force]
     return [
         *(((index >> bit) & 1).astype(units.angle.dtype) for bit in range(4)),
         *view.position,

@@ -23,7 +23,7 @@ from salpchain.domain.observation import observe
 from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.physics.batching import redo
-from salpchain.physics.chain import Chain, Physics, step
+from salpchain.physics.chain import Chain, Physics, heading, step
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 
@@ -34,6 +34,7 @@ class State(eqx.Module):
     chain: Chain
     target: Float[Array, "unit 2"]  # m, one point for each unit
     thrust: Float[Array, " unit"]  # N, of the last step
+    force: Float[Array, "unit 2"]  # N, of the last step, as it acted, in world axes
     distances: Distances
     start_distance: Float[Array, ""]  # m, mean distance at reset
     time: Int[Array, ""]  # control steps since reset
@@ -97,16 +98,17 @@ class SCLD(eqx.Module):
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own."""
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
-        thrust = jnp.zeros_like(chain.units.angle)
+        thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
         now = distances(chain, target)
         return State(
             chain=chain,
             target=target,
             thrust=thrust,
+            force=force,
             distances=now,
             start_distance=now.mean,
             time=jnp.int32(0),
-            obs=self.observe(chain, target, thrust),
+            obs=self.observe(chain, target, force),
             reward=zero,
             terms=Terms(zero, zero, zero),
             terminated=no,
@@ -117,6 +119,7 @@ class SCLD(eqx.Module):
     def step(self, state: State, action: Float[Array, "unit act"]) -> State:
         """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart."""
         thrust = self.thrust(state.chain, action)
+        force = thrust[:, None] * heading(state.chain.units.angle)
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None
         chain = step(state.chain, thrust, self.physics, fence, self.config.contact)
         now = distances(chain, state.target)
@@ -127,10 +130,11 @@ class SCLD(eqx.Module):
             chain=chain,
             target=state.target,
             thrust=thrust,
+            force=force,
             distances=now,
             start_distance=state.start_distance,
             time=time,
-            obs=self.observe(chain, state.target, thrust),
+            obs=self.observe(chain, state.target, force),
             reward=terms.approach + terms.goal + self.config.fine_weight * terms.fine,
             terms=terms,
             terminated=goal | _at_fence(chain, fence),
@@ -138,9 +142,9 @@ class SCLD(eqx.Module):
             key=state.key,
         )
 
-    def observe(self, chain: Chain, target: Array, thrust: Array) -> Float[Array, "unit feature"]:
+    def observe(self, chain: Chain, target: Array, force: Array) -> Float[Array, "unit feature"]:
         """What the units see."""
-        return observe(self.config.observation, chain, target, thrust)
+        return observe(self.config.observation, chain, target, force)
 
     def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
         """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]

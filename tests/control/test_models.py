@@ -13,6 +13,10 @@ from salpchain.control.actor_critic import TRUNKS, actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.count import num_parameters
 from salpchain.control.graph import full, mixed, of_adjacency
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD
+from salpchain.errors import InputError
 
 
 def all_of(units):
@@ -132,3 +136,25 @@ def test_a_graph_of_ones_own_may_change_over_time(model):
         atol=1e-5,
     )
     assert on._cache_size() == 1
+
+
+def policy_of(model):
+    config = ControlConfig(model=model)
+    card = PolicyCard(model, config, length=4)
+    return Policy(actor_critic(jr.key(0), config, 22, 1, 4), card)
+
+
+def test_a_policy_acts_on_a_graph_of_ones_own_of_its_chains_size():
+    state, policy = SCLD(TaskConfig(length=4)).reset(jr.key(0)), policy_of("gcn")
+    alone = policy.act(state, of_adjacency(np.zeros((4, 4), bool)))
+    assert not np.allclose(alone, policy.act(state), atol=1e-6)
+    with pytest.raises(InputError, match="the graph has 5 nodes, the chain 4 slots"):
+        policy.act(state, of_adjacency(np.zeros((5, 5), bool)))
+    with pytest.raises(InputError, match="an mlp has no graph"):
+        policy_of("mlp").act(state, of_adjacency(np.zeros((4, 4), bool)))
+
+
+@pytest.mark.parametrize("given", [np.ones((3, 4), bool), np.ones(4, bool), np.ones((4, 4))])
+def test_a_graph_that_is_no_square_of_booleans_is_refused(given):
+    with pytest.raises(InputError, match=r"an \(n, n\) array of bool, got \w+ of shape"):
+        of_adjacency(given)
