@@ -1,9 +1,13 @@
-"""What keeps XLA on a CPU from computing a thing many times, or in a bad order."""
+"""What keeps XLA on a CPU from computing a thing many times, in a bad order, or on copies."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
 
@@ -45,3 +49,40 @@ def _backward(like: Array, gradient: Array) -> tuple[Array, Array]:
 
 
 _whole_gradient.defvjp(_forward, _backward)
+
+
+_flat = ContextVar("flat", default=False)
+
+
+@contextmanager
+def flat_products() -> Iterator[None]:
+    """Within, `product` under `jax.vmap` is one product of matrices, and so is its gradient.
+
+    For gradients of a batch on a CPU, where XLA else copies what it multiplies. There and only
+    there: within, what is not under `jax.vmap` has no gradient.
+    """
+    before = _flat.set(True)
+    try:
+        yield
+    finally:
+        _flat.reset(before)
+
+
+def product(
+    x: Float[Array, "*rows inputs"], weight: Float[Array, "inputs outputs"]
+) -> Float[Array, "*rows outputs"]:
+    """`x @ weight`."""
+    return _flat_product(x, weight) if _flat.get() else x @ weight
+
+
+@custom_vmap
+def _flat_product(x: Array, weight: Array) -> Array:
+    return x @ weight
+
+
+@_flat_product.def_vmap
+def _(size: int, batched: Any, x: Array, weight: Array) -> tuple[Array, bool]:
+    if batched[1]:
+        return jax.vmap(jnp.matmul, (0 if batched[0] else None, 0))(x, weight), True
+    rows = x.reshape(-1, x.shape[-1]) @ weight
+    return rows.reshape(*x.shape[:-1], -1), True

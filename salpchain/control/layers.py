@@ -7,7 +7,7 @@ import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.control.graph import Graph
-from salpchain.xla import whole_gradient
+from salpchain.xla import product, whole_gradient
 
 WIDTH = 128  # features of a hidden layer (paper Table 3)
 ACTOR_GAIN = 0.01  # of an actor's last layer, so that training starts from no thrust (chosen)
@@ -21,7 +21,7 @@ class Linear(eqx.Module):
 
     def __call__(self, x: Float[Array, "*rows inputs"]) -> Float[Array, "*rows outputs"]:
         """(..., inputs) to (..., outputs)."""
-        return whole_gradient(x @ self.weight + self.bias, self.weight)
+        return product(x, self.weight) + self.bias
 
 
 class GCNConv(eqx.Module):

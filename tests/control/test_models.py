@@ -1,6 +1,6 @@
 """What every graph controller must be, whatever its layers."""
 
-import functools
+from functools import cache, partial
 
 import equinox as eqx
 import jax
@@ -17,13 +17,14 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
+from salpchain.xla import flat_products
 
 
 def all_of(units):
     return jnp.ones(units, bool), jnp.ones(units - 1, bool)
 
 
-@functools.cache
+@cache
 def network(model="gcn", graph="mixed", shake=0.01):
     policy = actor_critic(jr.key(0), ControlConfig(model=model, graph=graph), 24, 2, 8)
     return jax.tree.map(lambda x: x + shake * jr.normal(jr.key(1), x.shape), policy)
@@ -136,6 +137,26 @@ def test_a_graph_of_ones_own_may_change_over_time(model):
         atol=1e-5,
     )
     assert on._cache_size() == 1
+
+
+@models
+def test_flat_products_change_no_gradient_of_a_batch_nor_of_policies_side_by_side(model):
+    policies = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), network(model))
+    obs = jnp.stack([observed(5), -observed(5)])
+
+    @jax.jit
+    @partial(jax.vmap, in_axes=(0, None))
+    @jax.grad
+    def gradient(policy, obs):
+        action, value = jax.vmap(policy, (0, None, None))(obs, *all_of(5))
+        return (action**2).sum() + (value**2).sum()
+
+    plain = gradient(policies, obs)
+    gradient.clear_cache()
+    with flat_products():
+        flat = gradient(policies, obs)
+    for one, other in zip(jax.tree.leaves(flat), jax.tree.leaves(plain), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4 * np.abs(other).max() + 1e-7)
 
 
 def policy_of(model):
