@@ -11,7 +11,7 @@ from salpchain.training.config import PPOConfig, TrainConfig
 def small(iterations=12, **ppo):
     settings = {"envs": 8, "rollout": 16, "minibatch": 64, "epochs": 2, **ppo}
     return TrainConfig(
-        task=TaskConfig(length=3, fine_weight=0.5),
+        task=TaskConfig(length=3, fine_weight=0.5, contact=False),
         control=ControlConfig(),
         ppo=PPOConfig(**settings),
         steps=iterations * settings["envs"] * settings["rollout"],
