@@ -7,6 +7,7 @@ one configuration, which train side by side. Whatever is whole already is left a
 """
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -81,7 +82,11 @@ def _stop_with_parent() -> Callable[[Progress], None]:
 
 
 def main() -> None:
-    """Does the jobs that the command line names."""
+    """Does the jobs that the command line names.
+
+    An interrupt stops it also where the study runs in the background, whose processes ignore it.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder, numbers = Path(sys.argv[1]), [int(word) for word in sys.argv[2].split(",")]
     devices = int(sys.argv[3]) if len(sys.argv) > 3 else None
     grid = read_grid(folder)

@@ -51,4 +51,5 @@ def mesh_of(devices: int) -> Mesh:
 
 def device_name() -> str:
     """What the first device calls itself."""
-    return f"{jax.default_backend()} ({jax.devices()[0].device_kind})"
+    backend, kind = jax.default_backend(), jax.devices()[0].device_kind
+    return backend if kind == backend else f"{backend} ({kind})"
