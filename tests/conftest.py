@@ -3,3 +3,10 @@
 import jax
 
 jax.config.update("jax_num_cpu_devices", 2)
+
+# Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
+LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: LONG.index(name) if (name := item.path.stem) in LONG else len(LONG))
