@@ -5,6 +5,9 @@ takes no worker with it. Ray starts a task again when its worker or node dies; i
 their checkpoints.
 """
 
+import logging
+import os
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +21,7 @@ try:
 except ImportError:
     ray = None
 
+ANSWERS_WITHIN = 5.0  # s (chosen)
 MANY = 10**6  # tasks at a time: Ray starts them when there is room
 
 
@@ -81,13 +85,33 @@ class RayExecutor:
 
 
 def _join(address: str) -> None:
+    """Connects, or starts a cluster on this machine where there is no address."""
+    logging.getLogger("ray").setLevel(logging.ERROR)
+    _check_answers(address or os.environ.get("RAY_ADDRESS", ""))
     try:
         ray.init(address=address or None, log_to_driver=False)  # type: ignore[union-attr]
     except (ConnectionError, ValueError, RuntimeError) as error:
-        raise InputError(
-            f"no Ray cluster at {address or 'RAY_ADDRESS'} ({_first_line(error)}): start one with"
-            " `ray start --head`, or leave --address out"
-        ) from None
+        raise _none_at(address, error) from None
+
+
+def _check_answers(address: str) -> None:
+    """Ray would try for minutes to reach a host that does not answer."""
+    host, colon, port = address.rpartition("://")[2].rpartition(":")
+    if not colon:
+        return  # Ray's own words: nothing, `auto`, `local`
+    if not (port.isascii() and port.isdigit()):
+        raise InputError(f"the address of a Ray cluster is HOST:PORT, got {address}")
+    try:
+        socket.create_connection((host, int(port)), timeout=ANSWERS_WITHIN).close()
+    except (OSError, OverflowError) as error:
+        raise _none_at(address, error) from None
+
+
+def _none_at(address: str, error: Exception) -> InputError:
+    return InputError(
+        f"no Ray cluster at {address or 'RAY_ADDRESS'} ({_first_line(error)}): start one with"
+        " `ray start --head`, or leave --address out"
+    )
 
 
 def _check_room(cpus: int, gpus: float) -> None:

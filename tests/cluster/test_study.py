@@ -12,6 +12,7 @@ import pytest
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
 from salpchain.cluster.sweep import sweep
+from salpchain.errors import InputError
 
 OPTIONS = {
     "models": "mlp", "lengths": "2", "seeds": "2", "steps": "160000", "trials": "2", "tests": "2",
@@ -139,3 +140,18 @@ def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
         ray.shutdown()
         cluster.shutdown()
     assert killed and policies(folder) == policies(undisturbed)
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("127.0.0.1:1", "no Ray cluster at 127.0.0.1:1 "),
+        ("here:there", "HOST:PORT, got here:there"),
+    ],
+)
+def test_where_no_cluster_answers_ray_does_not_wait_for_it(address, said, tmp_path):
+    pytest.importorskip("ray")
+    from salpchain.cluster.on_ray import RayExecutor
+
+    with pytest.raises(InputError, match=said):
+        RayExecutor(tmp_path, address)
