@@ -11,7 +11,7 @@ import argparse
 import json
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -24,6 +24,7 @@ from salpchain.control.config import ControlConfig
 from salpchain.control.layers import Head, Linear, head
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.domain.scld import SCLD
+from salpchain.files import write_json
 from salpchain.training.config import TrainConfig
 from salpchain.training.devices import largest_divisor, mesh_of, use_devices
 from salpchain.training.learner import compile_iterate, new_learner, place
@@ -50,9 +51,14 @@ def iterations(config: TrainConfig, devices: int) -> float:
     return number * config.ppo.batch / (time.perf_counter() - begun)
 
 
-def trainings(devices: int) -> list[dict[str, Any]]:
+def rows(devices: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every comparison, as it is made."""
+    yield from (("passes", beside_mlp(model)) for model in GRAPH_MODELS)
+    yield from (("trainings", row) for row in trainings(devices))
+
+
+def trainings(devices: int) -> Iterator[dict[str, Any]]:
     """Both presets, each graph model on `mixed` and the mlp, at both training lengths."""
-    rows = []
     for preset in ("paper", "quick"):
         for length in (8, 16):
             for model in ("mlp", *GRAPH_MODELS):
@@ -61,9 +67,7 @@ def trainings(devices: int) -> list[dict[str, Any]]:
                 row = {"preset": preset, "run": config.name, "steps_per_second": rate}
                 if preset == "paper":
                     row["ratio_to_original"] = rate / ORIGINAL
-                print(json.dumps(row), flush=True)
-                rows.append(row)
-    return rows
+                yield row
 
 
 def _graph(model: str) -> str | None:
@@ -129,13 +133,12 @@ def main() -> None:
     parser.add_argument("--name", default="cpu", help="name of the record in results/")
     options = parser.parse_args()
     devices = use_devices()
-    record = {"machine": machine(), "devices": devices, "passes": []}
-    for model in GRAPH_MODELS:
-        record["passes"].append(beside_mlp(model))
-        print(json.dumps(record["passes"][-1]), flush=True)
-    record["trainings"] = trainings(devices)
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"learning-{options.name}.json").write_text(json.dumps(record, indent=2) + "\n")
+    path = RESULTS / f"learning-{options.name}.json"
+    record = {"machine": machine(), "devices": devices, "passes": [], "trainings": []}
+    for kind, row in rows(devices):
+        print(json.dumps(row), flush=True)
+        record[kind].append(row)
+        write_json(path, record)
 
 
 if __name__ == "__main__":

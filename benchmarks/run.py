@@ -7,7 +7,6 @@ With --ours VMAS is left out, for machines without it; nothing is then a ratio.
 
 import argparse
 import json
-import os
 import platform
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
@@ -17,6 +16,7 @@ from typing import Any
 import jax
 
 from salpchain.evaluation.speed import Speed, best, measure, ratio
+from salpchain.machine import cores
 from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
@@ -34,7 +34,7 @@ def machine() -> dict[str, Any]:
         cpu = next(lines, f": {cpu}").split(":")[1].strip()
     return {
         "cpu": cpu,
-        "cores": len(os.sched_getaffinity(0)),
+        "cores": cores(),
         "device": device_name(),
         "python": platform.python_version(),
         "versions": {name: _version(name) for name in names},

@@ -10,7 +10,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "salpchain"
 ROOMS = ["physics", "domain", "control", "training", "evaluation", "report", "interop", "web"]
 ROOMS += ["cluster", "cli"]
-GROUND = {"errors", "files", "trees", "xla"}  # single files at the bottom, importable by all
+GROUND = {"errors", "files", "machine", "trees", "xla"}  # files at the bottom, importable by all
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "ray", "brax", "starlette"}
 

@@ -147,7 +147,7 @@ def _executor(folder: Path, options: Reproduce, jobs: int | None) -> "tuple[Exec
         share = _share_of_gpu(options.gpus)
         return RayExecutor(folder, options.address, jobs, cpus, share), share > 0
     from salpchain.cluster.local import LocalExecutor
-    from salpchain.cluster.machine import gpus, jobs_that_fit
+    from salpchain.machine import gpus, jobs_that_fit
 
     there = gpus()
     return LocalExecutor(folder, jobs or there or jobs_that_fit(), there), there > 0

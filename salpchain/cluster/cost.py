@@ -4,8 +4,8 @@ Imports nothing heavy: a plan is printed at once.
 """
 
 from salpchain.cluster.grid import Grid, Job
-from salpchain.cluster.machine import cores, jobs_that_fit
 from salpchain.domain.config import step_limit
+from salpchain.machine import cores, jobs_that_fit
 
 # Microseconds of one core for each unit (from trainings at 8 and 16 units, one on each of the two
 # cores of an Intel Xeon; rough elsewhere): one control step, and one forward pass of a network.

@@ -5,8 +5,8 @@ import subprocess
 from pathlib import Path
 
 from salpchain.cluster import process
-from salpchain.cluster.machine import cores
 from salpchain.cluster.sweep import End, Task
+from salpchain.machine import cores
 
 
 class LocalExecutor:

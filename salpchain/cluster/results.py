@@ -8,6 +8,7 @@ FOLDER/greedy/fixed/                         the same of the baseline
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from salpchain.cluster.grid import Grid, Job
 from salpchain.control.storage import POLICY_FILE
@@ -15,7 +16,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import read_arrays, read_json
 from salpchain.training.checkpoint import CHECKPOINT_FILE
-from salpchain.training.run_folder import METRICS_FILE, SUMMARY_FILE
+from salpchain.training.run_folder import METRICS_FILE, SUMMARY_FILE, is_free, read_config, read_log
 
 SET_ASIDE = ".damaged"
 ANY_VERSION = 10**6
@@ -59,32 +60,32 @@ def trained_share(folder: Path, job: Job) -> float:
 
 
 def set_damaged_aside(folder: Path, grid: Grid) -> list[str]:
-    """Renames results that cannot be read; says of each what was wrong with it.
+    """Renames results that cannot be what they should be; says of each what was wrong with it.
 
-    What is renamed counts as not done. Files that are missing are no damage.
+    What is renamed counts as not done. What has not begun is no damage.
     """
     found = []
     for job in grid.jobs():
         run = run_of(folder, job)
-        wrong = _wrong(run / SUMMARY_FILE, _is_summary) or _wrong(run / POLICY_FILE, _is_policy)
-        wrong = wrong or _wrong(run / CHECKPOINT_FILE, _is_checkpoint)
+        wrong = _wrong(lambda run=run, job=job: _check_run(run, job))
         found += [_set_aside(run, wrong)] if wrong else []
         found += _tests_aside(run, tuple(job.tests))
     return found + _tests_aside(folder / "greedy", grid.time_limits)
 
 
 def _tests_aside(place: Path, time_limits: Sequence[str]) -> list[str]:
-    wrong = {limit: _wrong(place / limit / TESTS_FILE, _is_tests) for limit in time_limits}
-    return [_set_aside(place / limit, text) for limit, text in wrong.items() if text]
+    files = [place / limit / TESTS_FILE for limit in time_limits]
+    wrong = {path: _wrong(lambda path=path: _check_tests(path)) for path in files}
+    return [_set_aside(path.parent, text) for path, text in wrong.items() if text]
 
 
-def _wrong(path: Path, is_good: Callable[[Path], bool]) -> str:
-    """What is wrong with a file; nothing if it is good or missing."""
+def _wrong(check: Callable[[], None]) -> str:
+    """What a check finds wrong; nothing if it passes."""
     try:
-        good = not path.exists() or is_good(path)
+        check()
     except InputError as error:
         return str(error)
-    return "" if good else f"{path} is not what it should be"
+    return ""
 
 
 def _set_aside(path: Path, wrong: str) -> str:
@@ -94,22 +95,47 @@ def _set_aside(path: Path, wrong: str) -> str:
     return f"{wrong}; set aside: {free}"
 
 
-def _is_summary(path: Path) -> bool:
+def _check_run(run: Path, job: Job) -> None:
+    """Of a whole run every file; of one that has begun those from which it goes on."""
+    if is_free(run):
+        return
+    if read_config(run)[0] != job.config:
+        raise InputError(f"{run} was trained with other settings than those of the study")
+    whole, checkpoint = (run / SUMMARY_FILE).exists(), run / CHECKPOINT_FILE
+    come = job.config.iterations if whole else 0
+    if whole:
+        _check_keys(run / SUMMARY_FILE, {"steps", "seconds", "success"})
+        _check_arrays(run / POLICY_FILE, "policy")
+    if checkpoint.exists() or whole:
+        come = max(come, _check_arrays(checkpoint, "checkpoint").get("iteration", 0))
+    if come:
+        rows = [int(row["iteration"]) for row in read_log(run)]
+        if rows[:come] != list(range(1, come + 1)):
+            raise InputError(f"{run / METRICS_FILE} is cut short: it should have {come} rows")
+
+
+def _check_arrays(path: Path, kind: str) -> dict[str, Any]:
+    header, arrays = read_arrays(path, kind, ANY_VERSION)
+    if not arrays:
+        raise InputError(f"{path} is not what it should be: it holds no arrays")
+    return header
+
+
+def _check_keys(path: Path, needed: set[str]) -> dict[str, Any]:
     content = read_json(path)
-    return isinstance(content, dict) and {"steps", "seconds", "success"} <= content.keys()
+    missing = needed - content.keys() if isinstance(content, dict) else needed
+    if missing:
+        raise InputError(f"{path} is not what it should be: it has no {sorted(missing)[0]!r}")
+    return content
 
 
-def _is_policy(path: Path) -> bool:
-    return bool(read_arrays(path, "policy", ANY_VERSION)[1])
-
-
-def _is_checkpoint(path: Path) -> bool:
-    return bool(read_arrays(path, "checkpoint", ANY_VERSION)[1])
-
-
-def _is_tests(path: Path) -> bool:
-    content = read_json(path)
-    if not (isinstance(content, dict) and isinstance(content.get("lengths"), list)):
-        return False
+def _check_tests(path: Path) -> None:
+    if not path.exists():
+        return
+    lengths = _check_keys(path, {"lengths"})["lengths"]
     needed = {"length", "success", "closed_fraction", "final_distance"}
-    return all(isinstance(e, dict) and needed <= e.keys() for e in content["lengths"])
+    if not (
+        isinstance(lengths, list)
+        and all(isinstance(own, dict) and needed <= own.keys() for own in lengths)
+    ):
+        raise InputError(f"{path} is not what it should be: each length needs {sorted(needed)}")

@@ -83,10 +83,10 @@ class Policy(eqx.Module):
             InputError: a graph of another size than the chain, or for a policy that has none.
         """
         if graph is not None:
-            self._check(graph, slots=state.chain.present.shape[0])
+            self._check_graph(graph, slots=state.chain.present.shape[0])
         return self.network.act(state.obs, state.chain.present, state.chain.joined, graph)
 
-    def _check(self, graph: Graph, slots: int) -> None:
+    def _check_graph(self, graph: Graph, slots: int) -> None:
         if self.card.control.model in SINGLE_LENGTH:
             raise InputError(f"an {self.card.control.model} has no graph: give none")
         nodes = graph.degree().shape[0]

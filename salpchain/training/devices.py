@@ -7,6 +7,7 @@ import jax
 from jax.sharding import AxisType, Mesh
 
 from salpchain.errors import InputError
+from salpchain.machine import cores
 
 AXIS = "devices"  # the mesh axis over which chains are shared out
 LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
@@ -28,9 +29,8 @@ def use_devices(count: int | None = None) -> int:
     if LOOP_OPTION not in os.environ.get("XLA_FLAGS", ""):
         flag = f"--xla_backend_extra_options={LOOP_OPTION}={LOOP_BYTES}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with contextlib.suppress(RuntimeError):  # JAX has started: its devices are what they are
-        jax.config.update("jax_num_cpu_devices", count or cores or 1)
+        jax.config.update("jax_num_cpu_devices", count or cores())
     there = jax.local_device_count()
     if jax.default_backend() != "cpu":
         jax.config.update("jax_default_matmul_precision", "highest")

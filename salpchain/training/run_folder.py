@@ -23,6 +23,7 @@ METRICS_FILE = "metrics.csv"
 SUMMARY_FILE = "summary.json"
 FORMAT = 1
 NEEDED = {"iteration", "steps", "seconds", "episodes", "success", "closed_fraction"}
+NEEDED |= {"reward_approach", "reward_goal"}
 PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
 
 
@@ -46,9 +47,14 @@ def check_free(run: Path) -> None:
     """
     if run.exists() and not run.is_dir():
         raise InputError(f"{run} is a file: a run needs a folder")
-    if run.is_dir() and any(not path.name.startswith(f".{CONFIG_FILE}") for path in run.iterdir()):
+    if not is_free(run):
         advice = "add --resume to go on with it, or choose another --out"
         raise InputError(f"{run} is already used: {advice}")
+
+
+def is_free(run: Path) -> bool:
+    """Whether there is no such folder, or one that is empty but for a half-written start."""
+    return not run.exists() or all(p.name.startswith(f".{CONFIG_FILE}") for p in run.iterdir())
 
 
 def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
@@ -85,6 +91,8 @@ def read_config(run: Path) -> tuple[TrainConfig, int]:
         config, devices = train_config(content["config"]), content["devices"]
         if type(devices) is not int or devices < 1:
             raise TypeError(f"devices is {devices!r}")
+        if not isinstance(content["device"], str):
+            raise TypeError(f"device is {content['device']!r}")
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{run / CONFIG_FILE} does not describe a run ({error})") from None
     return config, devices
@@ -110,7 +118,7 @@ class MetricsLog:
         from tensorboardX import SummaryWriter
 
         self.path = run / METRICS_FILE
-        self.rows = _read_rows(self.path, keep)
+        self.rows = [row for row in read_log(run) if int(row["iteration"]) <= keep]
         if self.path.exists():
             write_text(self.path, _as_csv(self.rows))
         self._file = self.path.open("a", encoding="utf-8", newline="")
@@ -139,7 +147,13 @@ def _cell(value: int | float) -> str:
     return "" if value != value else f"{value:.7g}"
 
 
-def _read_rows(path: Path, keep: int) -> list[dict[str, str]]:
+def read_log(run: Path) -> list[dict[str, str]]:
+    """The rows of a run's log; none where it has not begun. A last row cut short is left out.
+
+    Raises:
+        InputError: it is no such log.
+    """
+    path = run / METRICS_FILE
     if not path.exists():
         return []
     try:
@@ -149,10 +163,10 @@ def _read_rows(path: Path, keep: int) -> list[dict[str, str]]:
             missing = NEEDED - row.keys()
             if missing:
                 raise ValueError(f"no column {sorted(missing)[0]!r}")
-            _ = [float(cell or "nan") for cell in row.values()]
-        return [row for row in rows if int(row["iteration"]) <= keep]
+            _ = [float(cell or "nan") for cell in row.values()], int(row["iteration"])
     except (TypeError, ValueError, csv.Error) as error:
         raise InputError(f"{path} is not a log of a run ({error}): delete it to go on") from None
+    return rows
 
 
 def _as_csv(rows: list[dict[str, str]]) -> str:

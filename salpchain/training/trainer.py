@@ -36,8 +36,8 @@ def train(
 ) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
 
-    Its chains are shared out over as many devices as given, or as there are; the result is the
-    same up to the order of sums.
+    Its chains are shared out over as many devices as given, or as there are; each iteration gives
+    the same up to the order of sums, from which long trainings part.
 
     Raises:
         InputError: the folder is already used, or there are fewer devices than given.

@@ -1,6 +1,7 @@
 """What is whole is told from what is not, and what is damaged is set aside, by name."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from salpchain.cluster.results import (
     untested,
 )
 from salpchain.files import write_arrays
+from salpchain.training.run_folder import create
 
-GRID = Grid(models=("gcn",), graphs=("mixed",), lengths=(8,), seeds=2, tests=(4,))
+GRID = Grid(models=("gcn",), graphs=("mixed",), lengths=(8,), seeds=2, steps=40960, tests=(4,))
 JOB, OTHER = GRID.jobs()
 TESTS = {"lengths": [{"length": 4, "success": {}, "closed_fraction": {}, "final_distance": {}}]}
 
@@ -25,13 +27,23 @@ def study(tmp_path):
     """Two whole runs with their tests."""
     for job in (JOB, OTHER):
         run = run_of(tmp_path, job)
+        create(run, job.config, devices=1, device="cpu")
+        (run / "metrics.csv").write_text(log(job.config.iterations))
         for limit in job.tests:
             (run / limit).mkdir(parents=True)
             (run / limit / "evaluation.json").write_text(json.dumps(TESTS))
         (run / "summary.json").write_text(json.dumps({"steps": 1, "seconds": 1, "success": 1}))
         for kind in ("policy", "checkpoint"):
-            write_arrays(run / f"{kind}.safetensors", kind, 1, {}, {"w": np.ones(3)})
+            header = {"iteration": job.config.iterations}
+            write_arrays(run / f"{kind}.safetensors", kind, 1, header, {"w": np.ones(3)})
     return tmp_path
+
+
+def log(rows):
+    """A metrics.csv of so many iterations."""
+    names = "iteration,steps,seconds,episodes,success,closed_fraction,reward_approach,reward_goal"
+    lines = [f"{n},{4096 * n},{n},0,,,0,0" for n in range(1, rows + 1)]
+    return "\n".join([names, *lines, ""])
 
 
 def test_whole_results_are_left_alone(study):
@@ -39,7 +51,12 @@ def test_whole_results_are_left_alone(study):
     assert is_trained(study, JOB) and not untested(study, JOB)
 
 
-@pytest.mark.parametrize("name", ["summary.json", "policy.safetensors", "checkpoint.safetensors"])
+FILES = (
+    "summary.json", "policy.safetensors", "checkpoint.safetensors", "config.json", "metrics.csv",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
 def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
     run = run_of(study, JOB)
     harmed = (run / name).read_bytes()[:-4]
@@ -49,6 +66,49 @@ def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
     assert not is_trained(study, JOB) and untested(study, JOB) == ["fixed", "scaled"]
     assert (run.with_name("seed-0.damaged") / name).read_bytes() == harmed
     assert is_trained(study, OTHER) and set_damaged_aside(study, GRID) == []
+
+
+@pytest.mark.parametrize("name", FILES[1:])
+def test_a_whole_run_that_lacks_a_file_is_set_aside(study, name):
+    (run_of(study, JOB) / name).unlink()
+    [line] = set_damaged_aside(study, GRID)
+    assert name in line and not is_trained(study, JOB) and is_trained(study, OTHER)
+
+
+@pytest.mark.parametrize(
+    "name, content",
+    [
+        ("config.json", "{}"),
+        ("config.json", "[]"),
+        ("metrics.csv", "not,a log\n1,2\n"),
+        ("metrics.csv", log(3)),
+        ("metrics.csv", log(20).replace("reward_goal", "reward")),
+        ("summary.json", '{"steps": 3}'),
+    ],
+)
+def test_a_file_that_is_not_what_it_should_be_sets_its_run_aside(study, name, content):
+    (run_of(study, JOB) / name).write_text(content)
+    [line] = set_damaged_aside(study, GRID)
+    assert name in line and not is_trained(study, JOB)
+
+
+def test_a_run_with_other_settings_is_set_aside(study):
+    run = run_of(study, JOB)
+    shutil.copy(run_of(study, OTHER) / "config.json", run / "config.json")
+    [line] = set_damaged_aside(study, GRID)
+    assert "other settings" in line and not is_trained(study, JOB)
+
+
+def test_a_run_that_was_interrupted_is_left_to_go_on_as_far_as_its_log_tells(study):
+    run, half = run_of(study, JOB), JOB.config.iterations // 2
+    (run / "summary.json").unlink()
+    weights = {"w": np.ones(3)}
+    write_arrays(run / "checkpoint.safetensors", "checkpoint", 1, {"iteration": half}, weights)
+    (run / "metrics.csv").write_text(log(half + 1)[:-3])
+    assert set_damaged_aside(study, GRID) == []
+    (run / "metrics.csv").write_text(log(half - 1))
+    [line] = set_damaged_aside(study, GRID)
+    assert "metrics.csv" in line and not run.exists()
 
 
 @pytest.mark.parametrize("content", ["", "{}", '{"lengths": [{"length": 4}]}', '{"lengths": 3}'])
@@ -76,6 +136,8 @@ def test_the_share_of_a_training_is_that_of_its_last_whole_row(study):
     run = run_of(study, JOB)
     assert trained_share(study, JOB) == 1.0
     (run / "summary.json").unlink()
+    assert trained_share(study, JOB) == 1.0
+    (run / "metrics.csv").unlink()
     assert trained_share(study, JOB) == 0.0
     half = JOB.config.iterations // 2
     (run / "metrics.csv").write_text(f"iteration,steps\n{half - 1},1\n{half},1\n{half + 1},")

@@ -43,14 +43,13 @@ def rows(folder, job):
 
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
-    """Of compiled programs, for all studies of this file."""
-    before = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    """Of compiled programs, for all studies of this file; that of all tests where there is one."""
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        yield
+        return
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(tmp_path_factory.mktemp("cache"))
     yield
-    if before is None:
-        del os.environ["JAX_COMPILATION_CACHE_DIR"]
-    else:
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = before
+    del os.environ["JAX_COMPILATION_CACHE_DIR"]
 
 
 @pytest.fixture(scope="module")

@@ -114,13 +114,13 @@ BENT = {8: 40}  # more of these; longer chains seldom touch within 100 steps
 def side_by_side(request):
     """Errors of chains straight at the start, as in the task; then errors of bent ones, and touch.
 
-    All of a length swim in one VMAS world, for 200 control steps (32 units: 100, for it is slow).
+    All of a length swim in one VMAS world, for 200 control steps.
     """
     num = request.param
     rng = np.random.default_rng(num)
     straight, bending = bent(rng, STRAIGHT[num], num, 0.0), bent(rng, BENT.get(num, 0), num, 0.3)
     start = [np.concatenate(both) for both in zip(straight, bending, strict=True)]
-    pushes = held_thrusts(rng, len(start[0]), num, 200 if num < 32 else 100)
+    pushes = held_thrusts(rng, len(start[0]), num, 200)
     errors, touched = errors_along(VmasChains(*start), resting(*start), pushes)
     first = STRAIGHT[num]
     return errors[:, :first], errors[:, first:], touched[:, first:]
