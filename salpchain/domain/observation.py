@@ -110,20 +110,28 @@ def table1(view: View) -> list[Row]:
 
 
 def body(view: View) -> list[Row]:
-    """22 numbers in the unit's own axes, of much the same size at any length and distance."""
+    """22 numbers in the unit's own axes, of much the same size at any length and distance.
+
+    The place beside the chain's centroid is in units of the chain's own spread (root mean square).
+    In metres, the ends of a long chain see what none saw in training: controllers trained on 8
+    units then miss the target from 40 units on.
+    """
     units = view.chain.units
     error = _minus(view.target, view.position)
     here, there = view.mean(view.position), view.mean(view.target)
-    near = 1 / (jnp.sqrt(error[0] ** 2 + error[1] ** 2) + 0.01)
+    near = 1 / (jnp.sqrt(sum(_squares(error))) + 0.01)
     neighbours = (*view.towards(view.position), *view.towards(view.target))
     place = _indices(units.angle) * (2 / jnp.maximum(view.chain.present.sum(axis=0) - 1, 1)) - 1.0
+    beside = _minus(view.position, here)
+    spread = jnp.sqrt(sum(view.mean(_squares(beside))))
     vectors = [
         _times(view.velocity, 5.0),
         *(_times(vector, 1 / LINK) for vector in neighbours),
         _times(error, near),
         _times(view.mean(view.velocity), 5.0),
+        _times(beside, 1 / (spread + 0.01)),
     ]
-    far = [error, _minus(there, here), _minus(view.position, here)]
+    far = [error, _minus(there, here)]
     return [
         *(row for vector in vectors for row in view.own(vector)),
         *(compress(row) for vector in far for row in view.own(vector)),
@@ -146,6 +154,10 @@ def _pair(vectors: Array) -> Pair:
 
 def _minus(one: Pair, other: Pair) -> Pair:
     return one[0] - other[0], one[1] - other[1]
+
+
+def _squares(pair: Pair) -> Pair:
+    return pair[0] ** 2, pair[1] ** 2
 
 
 def _times(pair: Pair, factor: Array | float) -> Pair:

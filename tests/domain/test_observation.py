@@ -10,6 +10,7 @@ import pytest
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.domain.observation import observe
 from salpchain.domain.scld import SCLD
+from tests.physics.poses import along, resting
 
 
 @functools.cache
@@ -115,6 +116,16 @@ def test_a_batch_observes_what_each_chain_observes_alone(name):
     seen = jax.vmap(lambda c, t, f: observe(name, c, t, f))(batch.chain, batch.target, batch.force)
     assert seen.shape == (3, 6, OBSERVATION_SIZES[name])
     np.testing.assert_allclose(seen, jnp.stack([s.obs for s in states]), atol=1e-5)
+
+
+def test_body_shows_the_ends_of_a_long_chain_as_it_does_those_of_a_short_one():
+    ends = []
+    for length in (8, 128):
+        chain = along(np.zeros((1, length - 1)))
+        chain = jax.tree.map(lambda x: x[0], resting(*chain))
+        obs = observe("body", chain, chain.units.position + 0.1, jnp.zeros((length, 2)))
+        ends.append(np.asarray(obs)[[0, -1]])
+    np.testing.assert_allclose(*ends, atol=0.3)
 
 
 def test_body_keeps_far_targets_in_the_range_of_near_ones():
