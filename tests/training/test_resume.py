@@ -18,7 +18,7 @@ from salpchain.training.trainer import resume
 from tests.training.small import small
 
 ITERATIONS = 40
-COLUMNS = b"iteration,steps,seconds,episodes,success,closed_fraction\n"
+COLUMNS = b"iteration,steps,seconds,episodes,success,closed_fraction,reward_approach,reward_goal\n"
 
 
 def start(folder, cache):
@@ -130,8 +130,8 @@ def test_a_checkpoint_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path,
     [
         (b"\xff\xfe\x00", "can't decode"),
         (b"step,loss\n1,2\n", "no column 'closed_fraction'"),
-        (COLUMNS + b"40,lots,1,1,1,1\n", "lots"),
-        (COLUMNS + b"1,2,3,4,5,6,7\n", "not a log"),
+        (COLUMNS + b"40,lots,1,1,1,1,1,1\n", "lots"),
+        (COLUMNS + b"1,2,3,4,5,6,7,8,9\n", "not a log"),
     ],
     ids=["no text", "another table", "a cell that is no number", "too many cells"],
 )
