@@ -19,7 +19,7 @@ def _default(shown: str) -> str:
 Whole = Annotated[str, text_option("INT")]
 Name = Annotated[str, text_option("NAME")]
 Folder = Annotated[str, text_option("FOLDER")]
-Lengths = Annotated[str, text_option("FIRST:LAST:STEP | N,N,...")]
+Lengths = Annotated[str, text_option("FIRST:LAST:STEP | FIRST..LAST | N,N,...")]
 
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)
 
@@ -44,6 +44,18 @@ def number(name: str, text: str) -> int:
     if value is None:
         raise InputError(f"--{name} must be a whole number, got nothing")
     return value
+
+
+def decimals(name: str, text: str) -> tuple[float, ...]:
+    """The numbers between the commas of an option; none where it was left out.
+
+    Raises:
+        InputError: one is no number.
+    """
+    try:
+        return tuple(float(part) for part in text.split(",")) if text else ()
+    except ValueError:
+        raise InputError(f"--{name} must be numbers such as 0.9 or 1,2,1, got {text!r}") from None
 
 
 def positive(name: str, text: str) -> int:

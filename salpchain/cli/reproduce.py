@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from salpchain.cli.options import Folder, Name, Whole, positive, text_option, whole
+from salpchain.cli.options import Folder, Lengths, Name, Whole, positive, text_option, whole
 from salpchain.cluster.grid import PAPER_TESTS, Grid, claim
 from salpchain.control.config import GRAPH_NAMES, SINGLE_LENGTH
 from salpchain.domain.config import one_of
@@ -47,7 +47,7 @@ class Reproduce:
     """Chain-steps of each run. Default: the preset's."""
     trials: Whole = "50"
     """Episodes of each test length."""
-    tests: Annotated[str, text_option("FIRST:LAST:STEP | N,N,...")] = ""
+    tests: Lengths = ""
     """Lengths to test. Default: 4:64:4; without graph controllers, the training lengths."""
     jobs: Whole = ""
     """Runs at a time. Default: as many as fit this machine."""

@@ -3,23 +3,25 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from salpchain.cli.options import Folder, Name, Whole, whole
+from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
 from salpchain.errors import InputError
+from salpchain.evaluation.config import parse_lengths
 from salpchain.training import presets, run_folder
-from salpchain.training.config import TrainConfig
+from salpchain.training.config import Mix, TrainConfig
 
 
 @dataclass(frozen=True)
 class Train:
-    """Train one controller on chains of one length with PPO.
+    """Train one controller with PPO, on chains of one length or of many lengths at once.
 
     The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
     checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
     bit for bit as if it had never stopped.
 
-    Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
+    Examples: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
+              salpchain train --length 4..16 --curriculum 0.9 --out runs/many
     """
 
     out: Folder = ""
@@ -32,8 +34,12 @@ class Train:
     """Who listens to whom: mixed (itself and its neighbours; default) or full (everyone)."""
     observation: Name = ""
     """body (a unit's own view; quick) or table1 (the paper's 24 numbers; paper)."""
-    length: Whole = ""
-    """Number of units, 2 to 512. Default: 8."""
+    length: Lengths = ""
+    """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
+    weights: Annotated[str, text_option("X,X,...")] = ""
+    """How often an episode has each of several lengths. Default: equally often."""
+    curriculum: Annotated[str, text_option("SHARE")] = ""
+    """Share of successes at which the next longer length joins. Default: all from the start."""
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
@@ -72,8 +78,33 @@ def _asked(options: Train) -> dict[str, Any]:
     names = {"model": options.model, "graph": options.graph, "observation": options.observation}
     return {
         **{name: value or None for name, value in names.items()},
-        **{name: whole(name, getattr(options, name)) for name in ("length", "seed", "steps")},
+        **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
+        **_asked_lengths(options),
     }
+
+
+def _asked_lengths(options: Train) -> dict[str, Any]:
+    """The longest of the lengths given, and the mix of all, None for what was left out."""
+    lengths = parse_lengths(options.length) if options.length else []
+    many = len(lengths) > 1
+    for name in ("weights", "curriculum"):
+        if getattr(options, name) and not many:
+            got = options.length or "none"
+            raise InputError(f"--{name} needs several lengths, got {got}: try --length 4..16")
+    mix = Mix(
+        tuple(lengths) if many else (),
+        decimals("weights", options.weights),
+        _share("curriculum", options.curriculum),
+    )
+    return {"length": lengths[-1] if lengths else None, "mix": mix}
+
+
+def _share(name: str, text: str) -> float:
+    """The one number that an option holds; 0 where it was left out."""
+    given = decimals(name, text)
+    if len(given) > 1:
+        raise InputError(f"--{name} must be one number, such as 0.9, got {text!r}")
+    return sum(given)
 
 
 def settings(options: Train, folder: Path) -> TrainConfig:
@@ -86,6 +117,10 @@ def settings(options: Train, folder: Path) -> TrainConfig:
     if not options.resume:
         return presets.choose(options.preset or "quick", **asked)
     config, _ = run_folder.read_config(folder)
+    mix = asked.pop("mix")
+    asked |= {name: value or None for name, value in vars(mix).items()}
+    if options.length:
+        asked["lengths"] = mix.lengths
     odd = run_folder.contradictions(config, {**asked, "preset": options.preset or None})
     if odd:
         raise InputError(f"--resume goes on with the settings of {folder}, but {odd[0]}")

@@ -31,7 +31,8 @@ class PolicyCard:
     control: ControlConfig = field(default_factory=ControlConfig)
     observation: str = "body"
     action: str = "thrust"
-    length: int = 8  # units in training
+    length: int = 8  # units in training, the longest
+    lengths: tuple[int, ...] = ()  # units in training, all
     steps: int = 0  # chain-steps of training
 
     def __post_init__(self) -> None:

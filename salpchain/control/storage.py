@@ -56,6 +56,9 @@ def _card(header: dict[str, Any], path: Path) -> PolicyCard:
     known = {field.name for field in fields(PolicyCard)}
     try:
         control = ControlConfig(**header["control"])
-        return PolicyCard(**{**{k: header[k] for k in known}, "control": control})
+        lengths = tuple(header["lengths"])
+        return PolicyCard(
+            **{**{k: header[k] for k in known}, "control": control, "lengths": lengths}
+        )
     except (KeyError, TypeError, InputError) as error:
         raise InputError(f"{path} has a header that does not describe a policy ({error})") from None

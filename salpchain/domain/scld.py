@@ -4,6 +4,7 @@ Pure functions in the manner of Brax: `reset(key) -> State`, `step(State, action
 for one chain and batched with `jax.vmap`. Source: paper section 3.1; DESIGN section 4.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -173,15 +174,25 @@ def _at_fence(chain: Chain, fence: Any) -> Bool[Array, ""]:
 RENEWED_AT_ONCE = 32  # a chunk of finished episodes is at most this part of the batch (chosen)
 
 
-def renew_done(env: SCLD, states: State) -> State:
+LENGTH_STREAM = 1  # sets the draw of an episode's length apart from that of its start
+
+DrawLength = Callable[[PRNGKeyArray], Int[Array, ""]]
+
+
+def renew_done(env: SCLD, states: State, draw_length: DrawLength | None = None) -> State:
     """A batch of states (batch first) with every finished episode replaced by a new one.
 
     The others stay bit-identical. Only as many resets are computed as there are finished
-    episodes, in small chunks; each has its own key, so no start comes twice.
+    episodes, in small chunks; each has its own key, so no start comes twice. `draw_length` gives
+    the number of units of a new episode; without it a chain keeps its length.
     """
     batch = states.time.shape[0]
 
     def renew(chosen: Int[Array, " some"]) -> State:
-        return jax.vmap(env.reset)(states.key[chosen], states.length[chosen])
+        keys = states.key[chosen]
+        if draw_length is None:
+            return jax.vmap(env.reset)(keys, states.length[chosen])
+        apart = jax.vmap(lambda key: jr.fold_in(key, LENGTH_STREAM))(keys)
+        return jax.vmap(env.reset)(keys, jax.vmap(draw_length)(apart))
 
     return redo(states.done, states, renew, min(batch, max(4, batch // RENEWED_AT_ONCE)))

@@ -5,14 +5,14 @@ from salpchain.errors import InputError
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
-RANGE_HELP = "give lengths as 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
+RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
 
 
 def parse_lengths(text: str) -> list[int]:
     """The lengths that a text names, ascending and each once.
 
-    Parts between commas are numbers or ranges `from:to:step` whose end is included: `4:64:4` is
-    4, 8, ..., 64.
+    Parts between commas are numbers or ranges whose end is included: `4:64:4` is 4, 8, ..., 64,
+    and `4..16` every length from 4 to 16.
 
     Raises:
         InputError: nothing, no whole number, a range that is none, or a length out of bounds.
@@ -26,9 +26,11 @@ def parse_lengths(text: str) -> list[int]:
 
 def _part(part: str, text: str) -> list[int]:
     """The lengths of one number or one range."""
-    numbers = [_number(piece, text) for piece in part.split(":")]
+    numbers = [_number(piece, text) for piece in part.replace("..", ":").split(":")]
     if len(numbers) == 1:
         return numbers
+    if ".." in part and len(numbers) == 2:
+        numbers.append(1)
     if len(numbers) != 3:
         raise InputError(f"lengths {text!r}: a range has three numbers; {RANGE_HELP}")
     first, last, step = numbers

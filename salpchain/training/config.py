@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
-from salpchain.domain.config import TaskConfig, check_seed
+from salpchain.domain.config import TaskConfig, check_length, check_seed, one_of
 from salpchain.errors import InputError
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
+RATIOS = ("chain", "unit")
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class PPOConfig:
     learning_rate: float = 2e-3  # of Adam
     final_rate: float = 0.1  # share of the learning rate left at the end, linear in between
     clip: float = 0.2
+    ratio: str = "chain"  # what is clipped: the chain's probability ratio, or each unit's
     max_grad_norm: float = 0.5
     gamma: float = 0.99
     lam: float = 0.95
@@ -37,6 +39,7 @@ class PPOConfig:
         for name in ("gamma", "lam", "clip", "final_rate"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
+        one_of("ratio", self.ratio, RATIOS)
         if self.batch % self.minibatch:
             raise InputError(
                 f"minibatch must divide envs x rollout = {self.batch}, got {self.minibatch}"
@@ -54,16 +57,53 @@ class PPOConfig:
 
 
 @dataclass(frozen=True)
+class Mix:
+    """The lengths that a run trains on at once; each episode's is drawn anew.
+
+    With a curriculum, the run starts with the shortest, and the next longer one joins whenever all
+    so far succeed in the share `grow` of their episodes.
+
+    Raises:
+        InputError: lengths out of order or twice, or weights or a share that cannot be.
+    """
+
+    lengths: tuple[int, ...] = ()  # units, ascending; none: the task's length alone
+    weights: tuple[float, ...] = ()  # how often an episode has each length; none: equally often
+    grow: float = 0.0  # share of successes at which the next length joins; 0: no curriculum
+
+    def __post_init__(self) -> None:
+        for length in self.lengths:
+            check_length(length)
+        if list(self.lengths) != sorted(set(self.lengths)):
+            raise InputError(f"lengths must ascend, each once, got {list(self.lengths)}")
+        if self.weights and len(self.weights) != len(self.lengths):
+            raise InputError(
+                f"weights must be as many as lengths, {len(self.lengths)}, got {len(self.weights)}"
+            )
+        if not all(0 < weight < float("inf") for weight in self.weights):
+            raise InputError(f"weights must be positive, got {list(self.weights)}")
+        if not 0 <= self.grow <= 1:
+            raise InputError(f"curriculum must lie in [0, 1], got {self.grow}")
+        if self.grow and len(self.lengths) < 2:
+            raise InputError(
+                f"a curriculum needs several lengths, got {len(self.lengths) or 'one'}:"
+                " give a range such as 4..16"
+            )
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training run, whole.
 
     Raises:
-        InputError: a number of steps or a seed that cannot be.
+        InputError: a number of steps or a seed that cannot be, or a controller of one length with
+            several lengths.
     """
 
     task: TaskConfig = field(default_factory=TaskConfig)
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
+    mix: Mix = field(default_factory=Mix)
     preset: str = "quick"
     steps: int = 1_500_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
@@ -72,13 +112,36 @@ class TrainConfig:
         if not 1 <= self.steps <= MOST_STEPS:
             raise InputError(f"steps must be positive, at most {MOST_STEPS:,}, got {self.steps}")
         check_seed(self.seed)
+        if len(self.lengths) > 1:
+            self._check_many_lengths()
+
+    def _check_many_lengths(self) -> None:
+        if self.control.model in SINGLE_LENGTH:
+            raise InputError(
+                f"an {self.control.model} works at one length only, got {len(self.lengths)} lengths"
+            )
+        if not self.control.shared_log_std:
+            raise InputError(
+                f"preset {self.preset} has a log-std for each unit, which serves one length only,"
+                f" got {len(self.lengths)} lengths: take preset quick"
+            )
+        if self.lengths[-1] != self.task.length:
+            raise InputError(
+                f"the task must have the longest length, {self.lengths[-1]}, got {self.task.length}"
+            )
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """All lengths (units) that the run trains on, ascending."""
+        return self.mix.lengths or (self.task.length,)
 
     @property
     def name(self) -> str:
-        """Of the policy: model, graph (where the model has one) and training length."""
-        control = self.control
+        """Of the policy: model, graph (where the model has one) and training lengths."""
+        control, lengths = self.control, self.lengths
         graph = "" if control.model in SINGLE_LENGTH else f"-{control.graph}"
-        return f"{control.model}{graph}-{self.task.length}"
+        shortest = f"{lengths[0]}to" if len(lengths) > 1 else ""
+        return f"{control.model}{graph}-{shortest}{max(lengths)}"
 
     @property
     def iterations(self) -> int:

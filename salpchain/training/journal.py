@@ -147,9 +147,18 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
         "success": mean(metrics.goals),
         "closed_fraction": mean(metrics.closed),
         "episode_steps": mean(metrics.lasted),
+        **_by_length(config, metrics),
         **{f"reward_{name}": float(value) for name, value in metrics.terms.items()},
         **{f"update_{name}": float(value) for name, value in vars(metrics.losses).items()},
     }
+
+
+def _by_length(config: TrainConfig, metrics: Metrics) -> Row:
+    """Success at each of several training lengths; not a number where no episode ended."""
+    if len(config.lengths) == 1:
+        return {}
+    counts = zip(config.lengths, metrics.episodes_of, metrics.goals_of, strict=True)
+    return {f"success_{n}": float(goals) / float(of) if of else math.nan for n, of, goals in counts}
 
 
 def _progress(config: TrainConfig, row: Row, recent: Recent, pace: float) -> Progress:
@@ -184,6 +193,7 @@ def _policy(config: TrainConfig, learner: Learner) -> Policy:
         observation=config.task.observation,
         action=config.task.action,
         length=config.task.length,
+        lengths=config.lengths,
         steps=int(learner.iteration) * config.ppo.batch,
     )
     return Policy(learner.policy, card)

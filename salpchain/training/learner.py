@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.domain.scld import SCLD, State
 from salpchain.training.config import TrainConfig
+from salpchain.training.course import Course, advance, draw_length, new_course
 from salpchain.training.devices import AXIS
 from salpchain.training.ppo import Losses, improve, lessons, optimiser
 from salpchain.training.rollout import Outcome, Sample, collect, values
@@ -27,6 +28,7 @@ class Learner(eqx.Module):
     policy: ActorCritic
     optimiser_state: Any
     states: State  # batch first, shared out over the devices
+    course: Course
     key: PRNGKeyArray
     iteration: Int[Array, ""]
 
@@ -49,6 +51,8 @@ class Metrics(eqx.Module):
     goals: Float[Array, ""]  # of these, reached
     closed: Float[Array, ""]  # sum of their closed fractions
     lasted: Float[Array, ""]  # sum of their control steps
+    episodes_of: Float[Array, " length"]  # finished, by training length
+    goals_of: Float[Array, " length"]
     finite: Finite
 
 
@@ -61,9 +65,11 @@ def new_learner(config: TrainConfig, env: SCLD) -> Learner:
         policy = actor_critic(
             weights_key, config.control, env.observation_size, env.action_size, config.task.length
         )
-        states = jax.vmap(env.reset)(jr.split(reset_key, config.ppo.envs))
+        course, reset_keys = new_course(config), jr.split(reset_key, config.ppo.envs)
+        lengths = jax.vmap(lambda key: draw_length(config, course, jr.fold_in(key, 0)))(reset_keys)
+        states = jax.vmap(env.reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
-        return Learner(policy, state, states, key, jnp.int32(0))
+        return Learner(policy, state, states, course, key, jnp.int32(0))
 
     return new(jr.key(config.seed))
 
@@ -105,32 +111,49 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
     """A rollout and the update from it, on one device's share of the chains."""
     ppo = config.ppo
     act_key, shuffle_key, key = jr.split(learner.key, 3)
-    states, samples, outcomes = collect(env, learner.policy, learner.states, act_key, ppo.rollout)
+    states, samples, outcomes = collect(
+        env, learner.policy, learner.states, act_key, ppo.rollout,
+        partial(draw_length, config, learner.course),
+    )  # fmt: skip
     batch = lessons(ppo, samples, outcomes, values(learner.policy, states))
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
         shuffle_key,
     )  # fmt: skip
-    after = Learner(policy, optimiser_state, states, key, learner.iteration + 1)
-    return after, metrics(policy, losses, samples, outcomes)
+    seen = metrics(policy, losses, samples, outcomes, config.lengths)
+    course = advance(config, learner.course, seen.episodes_of, seen.goals_of)
+    after = Learner(policy, optimiser_state, states, course, key, learner.iteration + 1)
+    return after, seen
 
 
-def metrics(policy: ActorCritic, losses: Losses, samples: Sample, outcomes: Outcome) -> Metrics:
-    """Sums over all devices of what the finished episodes were."""
+def metrics(
+    policy: ActorCritic,
+    losses: Losses,
+    samples: Sample,
+    outcomes: Outcome,
+    lengths: tuple[int, ...],
+) -> Metrics:
+    """Sums over all devices of what the finished episodes were, and those of each length."""
     done = outcomes.terminated | outcomes.truncated
 
     def total(x: Array) -> Array:
         return jax.lax.psum(jnp.sum(jnp.where(done, x, 0.0)), AXIS)
 
+    def total_of(x: Array) -> Array:
+        return jnp.stack([total(x * (outcomes.length == length)) for length in lengths])
+
     names = ("approach", "goal", "fine")
     means = {n: jax.lax.pmean(getattr(outcomes.terms, n).mean(), AXIS) for n in names}
+    one, goal = jnp.ones_like(outcomes.closed), outcomes.goal.astype(jnp.float32)
     return Metrics(
         losses=losses,
         terms=means,
-        episodes=total(jnp.ones_like(outcomes.closed)),
-        goals=total(outcomes.goal.astype(jnp.float32)),
+        episodes=total(one),
+        goals=total(goal),
         closed=total(outcomes.closed),
         lasted=total(outcomes.time.astype(jnp.float32)),
+        episodes_of=total_of(one),
+        goals_of=total_of(goal),
         finite=Finite(*map(_finite, (samples.obs, outcomes.reward, losses, policy))),
     )
 

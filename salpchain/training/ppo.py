@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import optax
-from jaxtyping import Array, Float, Int, PRNGKeyArray, Shaped
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
 from salpchain.training.devices import AXIS, largest_divisor
-from salpchain.training.rollout import Outcome, Sample, log_prob
+from salpchain.training.rollout import Outcome, Sample, log_probs
 from salpchain.xla import flat_products
 
 # Units whose activations are worked on at a time: on a CPU they stay in a core's cache, which
@@ -124,22 +124,42 @@ def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[A
     sample = batch.sample
     with flat_products():
         mean, value = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
-    density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
-    change = density - sample.log_prob
-    ratio = jnp.exp(change)
+    density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
+    change, share = changes(config.ratio, density - sample.log_prob, sample.present)
+    ratio, gain = jnp.exp(change), batch.advantage[:, None]
     clipped = jnp.clip(ratio, 1 - config.clip, 1 + config.clip)
-    surrogate = jnp.minimum(ratio * batch.advantage, clipped * batch.advantage)
+    surrogate = _mean(share, jnp.minimum(ratio * gain, clipped * gain))
     value_error = jnp.mean((value - batch.target) ** 2)
     spread = entropy(policy, sample.present)
-    total = -surrogate.mean() + config.value_weight * value_error - config.entropy * spread
+    total = -surrogate + config.value_weight * value_error - config.entropy * spread
     return total, Losses(
-        policy=-surrogate.mean(),
+        policy=-surrogate,
         value=value_error,
         entropy=spread,
-        kl=jnp.mean(ratio - 1 - change),
-        clipped=jnp.mean(jnp.abs(ratio - 1) > config.clip),
+        kl=_mean(share, ratio - 1 - change),
+        clipped=_mean(share, jnp.abs(ratio - 1) > config.clip),
         grad_norm=jnp.zeros(()),
     )
+
+
+def changes(
+    ratio: str, change: Float[Array, "sample unit"], present: Bool[Array, "sample unit"]
+) -> tuple[Float[Array, "sample part"], Float[Array, "sample part"]]:
+    """The log-ratios that are clipped, and what share of its chain's loss each has.
+
+    `chain`: one for each chain, the sum over its units, which act as one (the paper's). Its
+    gradient and its spread grow with the length, so in a mix long chains drown short ones and are
+    clipped sooner. `unit`: one for each unit, averaged over its chain, so that chains of all
+    lengths count the same and are clipped at the same change.
+    """
+    if ratio == "chain":
+        return change.sum(axis=1, keepdims=True), jnp.ones((change.shape[0], 1))
+    return change, present / jnp.maximum(present.sum(axis=1, keepdims=True), 1)
+
+
+def _mean(share: Float[Array, "sample part"], each: Array) -> Float[Array, ""]:
+    """Mean over chains of the sum over their parts."""
+    return jnp.mean(jnp.sum(share * each, axis=1))
 
 
 def entropy(policy: ActorCritic, present: Array) -> Float[Array, ""]:

@@ -5,7 +5,7 @@ from typing import Any
 
 from salpchain.control.config import ControlConfig
 from salpchain.domain.config import TaskConfig, one_of
-from salpchain.training.config import PPOConfig, TrainConfig
+from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 PAPER_EPISODES = 60_000  # Table 2
 EPISODE_STEPS = 512  # the paper's time limit
@@ -62,22 +62,27 @@ def choose(
     name: str,
     *,
     length: int | None = None,
+    mix: Mix | None = None,
     model: str | None = None,
     graph: str | None = None,
     observation: str | None = None,
     seed: int | None = None,
     steps: int | None = None,
 ) -> TrainConfig:
-    """A preset for a training length, with single settings changed.
+    """A preset for a training length, or for the lengths of a mix, with single settings changed.
 
     Raises:
         InputError: no preset has this name, or a setting that cannot be, with what would be right.
     """
     one_of("preset", name, PRESETS)
+    if mix and mix.lengths:
+        length = mix.lengths[-1]
     base = PRESETS[name](TaskConfig.length if length is None else length)
+    many = mix is not None and len(mix.lengths) > 1
+    ppo = _changed(base.ppo, ratio="unit" if many else None)
     task = _changed(base.task, observation=observation)
     control = _changed(base.control, model=model, graph=graph)
-    return _changed(base, task=task, control=control, seed=seed, steps=steps)
+    return _changed(base, task=task, control=control, ppo=ppo, mix=mix, seed=seed, steps=steps)
 
 
 def _changed(config: Any, **values: object) -> Any:

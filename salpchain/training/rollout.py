@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.domain.reward import Terms
-from salpchain.domain.scld import SCLD, State, renew_done
+from salpchain.domain.scld import SCLD, DrawLength, State, renew_done
 from salpchain.training.devices import AXIS
 
 
@@ -19,7 +19,7 @@ class Sample(eqx.Module):
     present: Bool[Array, " unit"]
     joined: Bool[Array, " link"]
     action: Float[Array, "unit act"]  # as sampled, before clipping
-    log_prob: Float[Array, ""]
+    log_prob: Float[Array, " unit"]
     value: Float[Array, ""]
 
 
@@ -34,10 +34,16 @@ class Outcome(eqx.Module):
     final_value: Float[Array, ""]  # of the true last observation, where truncated
     closed: Float[Array, ""]  # closed fraction
     time: Array  # control steps since reset
+    length: Array  # units
 
 
 def collect(
-    env: SCLD, policy: ActorCritic, states: State, key: PRNGKeyArray, steps: int
+    env: SCLD,
+    policy: ActorCritic,
+    states: State,
+    key: PRNGKeyArray,
+    steps: int,
+    draw_length: DrawLength | None = None,
 ) -> tuple[State, Sample, Outcome]:
     """`steps` control steps of every chain (batch first), finished episodes renewed.
 
@@ -52,7 +58,7 @@ def collect(
         sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, keys)
         after = jax.vmap(env.step)(states, sample.action)
         outcome = jax.vmap(_outcome)(after, _final_value(policy, after))
-        return renew_done(env, after), (sample, outcome)
+        return renew_done(env, after, draw_length), (sample, outcome)
 
     states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
     return states, samples, outcomes
@@ -68,6 +74,7 @@ def _outcome(after: State, final_value: Float[Array, ""]) -> Outcome:
         final_value=final_value,
         closed=after.closed_fraction,
         time=after.time,
+        length=after.length,
     )
 
 
@@ -81,21 +88,21 @@ def sample_action(policy: ActorCritic, state: State, key: PRNGKeyArray) -> Sampl
         present=chain.present,
         joined=chain.joined,
         action=action,
-        log_prob=log_prob(policy, mean, action, chain.present),
+        log_prob=log_probs(policy, mean, action, chain.present),
         value=value,
     )
 
 
-def log_prob(
+def log_probs(
     policy: ActorCritic,
     mean: Float[Array, "unit act"],
     action: Float[Array, "unit act"],
     present: Bool[Array, " unit"],
-) -> Float[Array, ""]:
-    """Log-density of a chain's action: summed over its present units, for they act as one."""
+) -> Float[Array, " unit"]:
+    """Log-density of each unit's action; 0 in dead slots. A chain's is their sum."""
     z = (action - mean) * jnp.exp(-policy.log_std)
     each = -0.5 * (z**2 + jnp.log(2 * jnp.pi)) - policy.log_std
-    return jnp.sum(each * present[:, None])
+    return jnp.sum(each * present[:, None], axis=1)
 
 
 def values(policy: ActorCritic, states: State) -> Float[Array, " env"]:

@@ -16,7 +16,7 @@ from salpchain.control.config import ControlConfig
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
 from salpchain.files import read_json, write_json, write_text
-from salpchain.training.config import PPOConfig, TrainConfig
+from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
@@ -100,14 +100,19 @@ def read_config(run: Path) -> tuple[TrainConfig, int]:
 
 def train_config(values: dict[str, Any]) -> TrainConfig:
     """The settings from plain values; unknown and missing ones are refused."""
-    parts = {"task": TaskConfig, "control": ControlConfig, "ppo": PPOConfig}
+    parts = {"task": TaskConfig, "control": ControlConfig, "ppo": PPOConfig, "mix": Mix}
     for name, kind in (*parts.items(), (None, TrainConfig)):
         given = values if name is None else values[name]
         odd = {field.name for field in dataclasses.fields(kind)} ^ given.keys()
         if odd:
             raise TypeError(f"{sorted(odd)[0]!r} is missing or unknown")
+    values = {**values, "mix": {name: _frozen(value) for name, value in values["mix"].items()}}
     built: dict[str, Any] = {name: kind(**values[name]) for name, kind in parts.items()}
     return TrainConfig(**{**values, **built})
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 class MetricsLog:

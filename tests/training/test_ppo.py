@@ -13,7 +13,7 @@ from salpchain.training.config import PPOConfig
 from salpchain.training.journal import NotFiniteError
 from salpchain.training.ppo import Lesson, entropy, loss, optimiser
 from salpchain.training.presets import choose
-from salpchain.training.rollout import Sample, log_prob
+from salpchain.training.rollout import Sample, log_probs
 from salpchain.training.trainer import train
 from tests.training.small import small
 
@@ -24,7 +24,7 @@ def batch_of(policy, size=6, units=4, inputs=5):
     present, joined = jnp.ones((size, units), bool), jnp.ones((size, units - 1), bool)
     mean, value = jax.vmap(policy)(obs, present, joined)
     action = mean + 0.3 * jr.normal(keys[1], mean.shape)
-    density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, action, present)
+    density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
     sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
     return jax.vmap(Lesson)(sample, jr.normal(keys[2], (size,)), value + 1.0)
 
@@ -39,7 +39,9 @@ def test_the_density_is_that_of_a_gaussian_over_all_present_units(policy):
     present = jnp.array([True, True, True, False])
     std = np.exp(np.asarray(policy.log_std))
     expected = scipy.stats.norm.logpdf(action[:3], mean[:3], std).sum()
-    assert float(log_prob(policy, mean, action, present)) == pytest.approx(expected, rel=1e-5)
+    each = log_probs(policy, mean, action, present)
+    assert float(each.sum()) == pytest.approx(expected, rel=1e-5)
+    assert float(each[3]) == 0
 
 
 def test_the_entropy_is_that_of_the_gaussians_of_a_chain(policy):
@@ -55,8 +57,8 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
     def plain(policy):
         sample = batch.sample
         mean, _ = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
-        density = jax.vmap(log_prob, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
-        return -(density * batch.advantage).mean()
+        density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
+        return -(density.sum(axis=1) * batch.advantage).mean()
 
     ours = jax.grad(lambda p: loss(p, config, batch)[0])(policy)
     for one, other in zip(
@@ -67,7 +69,7 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
 
 def test_a_ratio_far_outside_the_clip_range_has_no_gradient(policy):
     batch = batch_of(policy)
-    old = batch.sample.log_prob - jnp.sign(batch.advantage)
+    old = batch.sample.log_prob - jnp.sign(batch.advantage)[:, None]
     far = eqx.tree_at(lambda b: b.sample.log_prob, batch, old)
     config = PPOConfig(value_weight=0.0, entropy=0.0)
     gradient = jax.grad(lambda p: loss(p, config, far)[0])(policy)

@@ -1,0 +1,55 @@
+"""Which lengths a run trains on now: all of its mix, or a curriculum that grows."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import jax.random as jr
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
+
+from salpchain.training.config import TrainConfig
+
+WINDOW = 200.0  # latest episodes of each length over which its success is judged (chosen)
+ENOUGH = 100.0  # episodes of a length before it is judged (chosen)
+
+
+class Course(eqx.Module):
+    """How far the curriculum has come, with what the latest episodes of each length were."""
+
+    stage: Int[Array, ""]  # index of the longest length in play
+    episodes: Float[Array, " length"]  # at most `WINDOW`, the older ones fading
+    goals: Float[Array, " length"]  # of these, reached
+
+
+def new_course(config: TrainConfig) -> Course:
+    """The course before its first episode: the shortest length alone where it is to grow."""
+    last = len(config.lengths) - 1
+    none = jnp.zeros(last + 1)
+    return Course(jnp.int32(0 if config.mix.grow else last), none, none)
+
+
+def draw_length(config: TrainConfig, course: Course, key: PRNGKeyArray) -> Int[Array, ""]:
+    """A length (units) for a new episode, of those in play, each as often as its weight says."""
+    lengths = jnp.array(config.lengths)
+    if len(config.lengths) == 1:
+        return lengths[0]
+    weights = jnp.array(config.mix.weights or (1.0,) * len(config.lengths))
+    chances = jnp.where(_in_play(course), jnp.log(weights), -jnp.inf)
+    return lengths[jr.categorical(key, chances)]
+
+
+def advance(
+    config: TrainConfig,
+    course: Course,
+    episodes: Float[Array, " length"],
+    goals: Float[Array, " length"],
+) -> Course:
+    """The course after these more episodes; one length longer if all in play are solved."""
+    counted, reached = course.episodes + episodes, course.goals + goals
+    fade = jnp.minimum(1.0, WINDOW / jnp.maximum(counted, 1.0))
+    counted, reached = counted * fade, reached * fade
+    solved = (counted >= ENOUGH) & (reached >= config.mix.grow * counted)
+    grown = course.stage + (solved | ~_in_play(course)).all()
+    return Course(jnp.minimum(grown, len(config.lengths) - 1), counted, reached)
+
+
+def _in_play(course: Course) -> Bool[Array, " length"]:
+    return jnp.arange(course.episodes.shape[0]) <= course.stage

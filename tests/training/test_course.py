@@ -1,0 +1,178 @@
+"""Training on several lengths at once: which length an episode gets, and what each counts for."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.config import ControlConfig
+from salpchain.control.storage import load
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD, renew_done
+from salpchain.errors import InputError
+from salpchain.training.config import Mix, PPOConfig
+from salpchain.training.course import advance, draw_length, new_course
+from salpchain.training.ppo import Lesson, loss
+from salpchain.training.presets import choose
+from salpchain.training.rollout import Sample, log_probs
+from salpchain.training.run_folder import read_config, read_log
+from salpchain.training.trainer import resume, train
+from tests.training.small import small
+
+
+def mixed(mix, **changes):
+    base = small(4)
+    return dataclasses.replace(
+        base, task=dataclasses.replace(base.task, length=mix.lengths[-1]), mix=mix, **changes
+    )
+
+
+def drawn(config, course, number=4000):
+    keys = jr.split(jr.key(0), number)
+    return np.asarray(jax.vmap(lambda key: draw_length(config, course, key))(keys))
+
+
+def test_lengths_are_drawn_as_often_as_their_weights_say():
+    config = mixed(Mix((2, 3, 5), (1.0, 1.0, 2.0)))
+    lengths, counts = np.unique(drawn(config, new_course(config)), return_counts=True)
+    assert list(lengths) == [2, 3, 5]
+    np.testing.assert_allclose(counts / counts.sum(), [0.25, 0.25, 0.5], atol=0.03)
+
+
+def test_a_curriculum_starts_with_the_shortest_and_grows_when_all_in_play_are_solved():
+    config = mixed(Mix((2, 3, 5), grow=0.9))
+    course = new_course(config)
+    assert set(drawn(config, course)) == {2}
+    few = jnp.array([50.0, 0, 0])
+    assert int(advance(config, course, few, few).stage) == 0  # too few to judge
+    many = jnp.array([150.0, 0, 0])
+    assert int(advance(config, course, many, 0.8 * many).stage) == 0
+    course = advance(config, course, many, 0.95 * many)
+    assert set(drawn(config, course)) == {2, 3}
+    both = jnp.array([150.0, 150.0, 0])
+    forgot = advance(config, course, both, jnp.array([100.0, 150.0, 0]))
+    assert int(forgot.stage) == 1  # the shortest must stay solved
+    course = advance(config, course, both, both)
+    assert set(drawn(config, course)) == {2, 3, 5}
+    assert int(advance(config, course, 9 * both, 9 * both).stage) == 2
+
+
+def test_what_a_curriculum_judges_are_the_latest_episodes():
+    config = mixed(Mix((2, 3), grow=0.9))
+    course, lost = new_course(config), jnp.array([1000.0, 0.0])
+    course = advance(config, course, lost, 0 * lost)
+    for _ in range(12):
+        won = jnp.array([100.0, 0.0])
+        course = advance(config, course, won, won)
+    assert int(course.stage) == 1
+
+
+def test_renewed_chains_get_the_drawn_length_and_the_others_stay_bit_identical():
+    env = SCLD(TaskConfig(length=6))
+    states = jax.vmap(env.reset, (0, None))(jr.split(jr.key(1), 8), 4)
+    ended = eqx.tree_at(lambda s: s.truncated, states, jnp.arange(8) % 2 == 0)
+    after = renew_done(env, ended, lambda key: jnp.int32(6))
+    assert list(np.asarray(after.length)) == [6, 4] * 4
+    for one, other in zip(jax.tree.leaves(after.chain), jax.tree.leaves(ended.chain), strict=True):
+        np.testing.assert_array_equal(one[1::2], other[1::2])
+
+
+def samples_of(policy, lengths, slots, inputs=5):
+    """Samples of chains whose units all see and do the same at any length."""
+    obs = jnp.broadcast_to(jr.normal(jr.key(0), (inputs,)), (len(lengths), slots, inputs))
+    present = jnp.arange(slots) < jnp.array(lengths)[:, None]
+    joined = present[:, 1:]
+    obs = jnp.where(present[..., None], obs, 0.0)
+    mean, value = jax.vmap(policy)(obs, present, joined)
+    action = mean + 0.4
+    density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
+    sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
+    return jax.vmap(Lesson)(sample, jnp.ones(len(lengths)), value)
+
+
+def gradient(policy, ratio, batch):
+    config = PPOConfig(ratio=ratio, value_weight=0.0)
+    return jax.grad(lambda p: loss(p, config, batch)[0])(policy)
+
+
+@pytest.mark.parametrize(("ratio", "growth"), [("unit", 1.0), ("chain", 8.0)])
+def test_a_long_chain_pulls_no_harder_than_a_short_one_where_each_unit_has_its_ratio(ratio, growth):
+    policy = actor_critic(jr.key(0), ControlConfig(), 5, 1, 16)
+    pull = [gradient(policy, ratio, samples_of(policy, [n], 16)).log_std for n in (2, 16)]
+    np.testing.assert_allclose(pull[1], growth * pull[0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("ratio", ["unit", "chain"])
+def test_dead_slots_change_no_gradient(ratio):
+    policy = actor_critic(jr.key(0), ControlConfig(), 5, 1, 8)
+    roomy = samples_of(policy, [3, 5], 8)
+    dead = ~roomy.sample.present[..., None]
+    odd = eqx.tree_at(
+        lambda b: (b.sample.obs, b.sample.action),
+        roomy,
+        (roomy.sample.obs + 7.0 * dead, roomy.sample.action - 9.0 * dead),
+    )
+    tight = samples_of(policy, [3, 5], 5)
+    for other in (odd, tight):
+        pairs = zip(
+            jax.tree.leaves(gradient(policy, ratio, roomy)),
+            jax.tree.leaves(gradient(policy, ratio, other)),
+            strict=True,
+        )
+        for one, two in pairs:
+            np.testing.assert_allclose(one, two, atol=1e-6)
+
+
+def test_a_run_on_several_lengths_logs_each_and_goes_on_where_it_was(tmp_path):
+    config = mixed(Mix((2, 3), (2.0, 1.0), grow=0.5), ppo=dataclasses.replace(small().ppo, envs=32))
+    config = dataclasses.replace(config, steps=3 * config.ppo.batch)
+
+    def stop(progress):
+        if progress.steps >= 2 * config.ppo.batch:
+            raise KeyboardInterrupt
+
+    train(config, tmp_path / "whole", devices=1)
+    with pytest.raises(KeyboardInterrupt):
+        train(config, tmp_path / "cut", stop, save_every=0.0, devices=1)
+    assert read_config(tmp_path / "cut")[0] == config
+    resume(tmp_path / "cut")
+    kept = [(tmp_path / name / "checkpoint.safetensors").read_bytes() for name in ("whole", "cut")]
+    assert kept[0] == kept[1]
+    assert {"success_2", "success_3"} <= read_log(tmp_path / "whole")[0].keys()
+    assert load(tmp_path / "whole").card.lengths == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"mix": Mix((4, 8)), "model": "mlp"}, "one length only"),
+        ({"mix": Mix((4, 8)), "name": "paper"}, "take preset quick"),
+    ],
+)
+def test_what_serves_one_length_only_refuses_several(settings, word):
+    with pytest.raises(InputError, match=word):
+        choose(settings.pop("name", "quick"), **settings)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        (((8, 4),), "ascend"),
+        (((4, 4),), "ascend"),
+        (((1, 4),), "2 to 512"),
+        (((4, 8), (1.0,)), "as many as lengths"),
+        (((4, 8), (1.0, 0.0)), "positive"),
+        (((4, 8), (1.0, float("nan"))), "positive"),
+        (((4, 8), (), 1.5), r"\[0, 1\]"),
+        (((), (), 0.5), "several lengths"),
+    ],
+)
+def test_a_mix_that_cannot_be_is_refused_in_one_line(values, word):
+    with pytest.raises(InputError, match=word) as error:
+        Mix(*values)
+    assert "\n" not in str(error.value)
