@@ -15,7 +15,7 @@ from salpchain import __version__
 from salpchain.errors import InputError
 
 COMMANDS = {
-    "train": ("Train", "train one controller on chains of one length"),
+    "train": ("Train", "train one controller on chains of one or many lengths"),
     "evaluate": ("Evaluate", "test a policy, unchanged, on chains of many lengths"),
     "figure": ("Figure", "draw learning curves or zero-shot curves"),
     "models": ("Models", "list the controllers and their parameter counts"),

@@ -20,8 +20,8 @@ class Train:
     checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
     bit for bit as if it had never stopped.
 
-    Examples: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
-              salpchain train --length 4..16 --curriculum 0.9 --out runs/many
+    Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
+    Example: salpchain train --length 4..16 --curriculum 0.9 --out runs/many
     """
 
     out: Folder = ""
@@ -104,7 +104,7 @@ def _share(name: str, text: str) -> float:
     given = decimals(name, text)
     if len(given) > 1:
         raise InputError(f"--{name} must be one number, such as 0.9, got {text!r}")
-    return sum(given)
+    return float(sum(given))
 
 
 def settings(options: Train, folder: Path) -> TrainConfig:

@@ -67,9 +67,10 @@ def set_damaged_aside(folder: Path, grid: Grid) -> list[str]:
     found = []
     for job in grid.jobs():
         run = run_of(folder, job)
-        wrong = _wrong(lambda run=run, job=job: _check_run(run, job))
-        found += [_set_aside(run, wrong)] if wrong else []
         found += _tests_aside(run, tuple(job.tests))
+        tested = not untested(folder, job)
+        wrong = _wrong(lambda run=run, job=job, tested=tested: _check_run(run, job, tested))
+        found += [_set_aside(run, wrong)] if wrong else []
     return found + _tests_aside(folder / "greedy", grid.time_limits)
 
 
@@ -95,8 +96,12 @@ def _set_aside(path: Path, wrong: str) -> str:
     return f"{wrong}; set aside: {free}"
 
 
-def _check_run(run: Path, job: Job) -> None:
-    """Of a whole run every file; of one that has begun those from which it goes on."""
+def _check_run(run: Path, job: Job, tested: bool) -> None:
+    """Of a run that has begun every file that it still needs.
+
+    Its checkpoint while it trains, its policy until it is tested: a study can be kept, and gone on
+    with elsewhere, without the weights of what is done.
+    """
     if is_free(run):
         return
     if read_config(run)[0] != job.config:
@@ -105,8 +110,9 @@ def _check_run(run: Path, job: Job) -> None:
     come = job.config.iterations if whole else 0
     if whole:
         _check_keys(run / SUMMARY_FILE, {"steps", "seconds", "success"})
+    if (run / POLICY_FILE).exists() or (whole and not tested):
         _check_arrays(run / POLICY_FILE, "policy")
-    if checkpoint.exists() or whole:
+    if checkpoint.exists():
         come = max(come, _check_arrays(checkpoint, "checkpoint").get("iteration", 0))
     if come:
         rows = [int(row["iteration"]) for row in read_log(run)]

@@ -57,6 +57,15 @@ BAD = [
     (["train", "--out", "NEW", "--observation", "sonar"], "choose one of body, table1"),
     (["train", "--out", "NEW", "--length", "1"], "2 to 512"),
     (["train", "--out", "NEW", "--length", "eight"], "whole number"),
+    (["train", "--out", "NEW", "--length", "16..4"], "runs backwards"),
+    (["train", "--out", "NEW", "--length", "4..8", "--weights", "1,2"], "as many as lengths, 5"),
+    (["train", "--out", "NEW", "--length", "4,8", "--weights", "1,much"], "must be numbers"),
+    (["train", "--out", "NEW", "--weights", "1,2"], "needs several lengths"),
+    (["train", "--out", "NEW", "--length", "8", "--curriculum", "0.9"], "needs several lengths"),
+    (["train", "--out", "NEW", "--length", "4,8", "--curriculum", "90"], "in [0, 1], got 90"),
+    (["train", "--out", "NEW", "--length", "4,8", "--curriculum", "0.5,1"], "must be one number"),
+    (["train", "--out", "NEW", "--length", "4,8", "--model", "mlp"], "one length only"),
+    (["train", "--out", "NEW", "--length", "4,8", "--preset", "paper"], "take preset quick"),
     (["train", "--out", "NEW", "--steps", "-5"], "positive"),
     (["train", "--out", "NEW", "--lenght", "8"], "perhaps --length"),
     (["train", "--out", "NEW", "--seed", "99999999999999999999"], "seed must be 0 to 4294967295"),
@@ -126,6 +135,7 @@ def test_resume_refuses_settings_that_contradict_the_run(fresh_run, capsys):
     before = (fresh_run / "config.json").read_text()
     for words, says in (
         (["--length", "9"], "length is 8 in the run, 9 was given"),
+        (["--length", "4,8"], "lengths is [] in the run, [4, 8] was given"),
         (["--preset", "paper"], 'preset is "quick" in the run'),
         (["--seed", "3"], "seed is 0"),
     ):

@@ -68,9 +68,17 @@ def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
     assert is_trained(study, OTHER) and set_damaged_aside(study, GRID) == []
 
 
-@pytest.mark.parametrize("name", FILES[1:])
-def test_a_whole_run_that_lacks_a_file_is_set_aside(study, name):
+def test_a_study_is_whole_without_the_weights_of_what_is_done(study):
+    for path in study.rglob("*.safetensors"):
+        path.unlink()
+    assert set_damaged_aside(study, GRID) == []
+    assert is_trained(study, JOB) and not untested(study, JOB)
+
+
+@pytest.mark.parametrize("name", ["policy.safetensors", "config.json", "metrics.csv"])
+def test_a_whole_run_that_lacks_a_file_that_its_tests_need_is_set_aside(study, name):
     (run_of(study, JOB) / name).unlink()
+    (run_of(study, JOB) / "scaled" / "evaluation.json").unlink()
     [line] = set_damaged_aside(study, GRID)
     assert name in line and not is_trained(study, JOB) and is_trained(study, OTHER)
 

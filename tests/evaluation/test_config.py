@@ -16,6 +16,8 @@ GOOD = {
     "5:5:1": [5],
     "4:8:2,64,512": [4, 6, 8, 64, 512],
     "2": [2],
+    "4..8": [4, 5, 6, 7, 8],
+    "2, 4..6": [2, 4, 5, 6],
 }
 BAD = {
     "": "a number is missing",
@@ -25,6 +27,9 @@ BAD = {
     "4:64": "three numbers",
     "4:64:4:2": "three numbers",
     "64:4:4": "backwards",
+    "16..4": "backwards",
+    "4..": "a number is missing",
+    "4...8": "not a whole number",
     "4:64:0": "step must be positive",
     "4:64:-4": "step must be positive",
     "1": "2 to 512",
