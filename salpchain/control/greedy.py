@@ -34,6 +34,10 @@ class Greedy(eqx.Module):
         ahead = heading(units.angle)
         error = jnp.sum((state.target - units.position) * ahead, axis=-1)
         speed = jnp.sum(units.velocity * ahead, axis=-1)
-        thrust = jnp.clip(PULL * error - DAMPING * speed, -1.0, 1.0)
-        both = jnp.stack([thrust, -thrust], axis=-1)
-        return both[:, : ACTION_SIZES[self.action]]
+        return as_action(PULL * error - DAMPING * speed, self.action)
+
+
+def as_action(thrust: Float[Array, " unit"], action: str) -> Float[Array, "unit act"]:
+    """Thrusts (N), clipped to what a unit can do, as actions: for `pair` with their opposites."""
+    thrust = jnp.clip(thrust, -1.0, 1.0)
+    return jnp.stack([thrust, -thrust], axis=-1)[:, : ACTION_SIZES[action]]

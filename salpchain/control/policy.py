@@ -1,7 +1,7 @@
 """What steers a chain: a learned policy or a hand-written controller, behind one interface."""
 
 from dataclasses import asdict, dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -69,6 +69,33 @@ class Controller(Protocol):
     def act(self, state: State) -> Float[Array, "unit act"]:
         """The action of every unit in this state; pure, for one chain."""
         ...
+
+
+@runtime_checkable
+class Planner(Controller, Protocol):
+    """A controller that remembers: what it plans in one step serves the next."""
+
+    def begin(self, state: State) -> Any:
+        """Its memory before the first step of an episode."""
+        ...
+
+    def plan(self, state: State, memory: Any) -> tuple[Float[Array, "unit act"], Any]:
+        """The action of every unit in this state, and the memory after it; pure, for one chain."""
+        ...
+
+
+def begin(controller: Controller, state: State) -> Any:
+    """What the controller remembers before the first step; nothing unless it plans."""
+    return controller.begin(state) if isinstance(controller, Planner) else ()
+
+
+def act(
+    controller: Controller, state: State, memory: Any
+) -> tuple[Float[Array, "unit act"], Any]:
+    """The action of every unit, and what the controller remembers after it."""
+    if isinstance(controller, Planner):
+        return controller.plan(state, memory)
+    return controller.act(state), memory
 
 
 class Policy(eqx.Module):

@@ -16,7 +16,7 @@ from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
-from salpchain.control.policy import Controller
+from salpchain.control.policy import Controller, Planner, act, begin
 from salpchain.domain.config import LONGEST, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
@@ -31,6 +31,7 @@ UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chos
 REPORTS = 16  # times that progress is reported in a batch (chosen)
 
 Progress = Callable[[float], None]  # told the share of the work that is done
+Memories = tuple[Any, ...]  # what each controller remembers
 
 
 class Trial(eqx.Module):
@@ -110,7 +111,9 @@ def _domain(controllers: Sequence[Controller], length: int, time_limit: str) -> 
     if len(spoken) != 1:
         raise InputError(f"controllers must share observation and action, got {sorted(spoken)}")
     slots = next(slots for slots in SLOTS if slots >= length)
-    if any(card.control.model in SINGLE_LENGTH for card in cards):
+    if any(card.control.model in SINGLE_LENGTH for card in cards) or any(
+        isinstance(controller, Planner) for controller in controllers
+    ):  # a planner pays for each slot many times over
         slots = length
     return SCLD(TaskConfig(slots, *spoken.pop(), time_limit))
 
@@ -172,9 +175,10 @@ def _play_out(
     env: SCLD, controllers: Sequence[Controller], trials: Trial, limit: int, progress: Progress
 ) -> Trial:
     """All trials at their ends."""
+    memories = _remember(controllers, trials)
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
-        trials = play(env, controllers, trials, jnp.int32(until))
+        trials, memories = play(env, controllers, trials, memories, jnp.int32(until))
         if bool(trials.state.done.all()):
             break
         progress(min(until / limit, 1.0))
@@ -183,44 +187,69 @@ def _play_out(
 
 
 @eqx.filter_jit
+def _remember(controllers: Sequence[Controller], trials: Trial) -> Memories:
+    """What each controller remembers before its first step, for each trial."""
+    own = [_own(trials.state, i, axis=1) for i in range(len(controllers))]
+    return tuple(
+        jax.vmap(partial(begin, one))(states) for one, states in zip(controllers, own, strict=True)
+    )
+
+
+@eqx.filter_jit
 def play(
-    env: SCLD, controllers: Sequence[Controller], trials: Trial, until: Int[Array, ""]
-) -> Trial:
+    env: SCLD,
+    controllers: Sequence[Controller],
+    trials: Trial,
+    memories: Memories,
+    until: Int[Array, ""],
+) -> tuple[Trial, Memories]:
     """The trials after control step `until`, those that have ended as they ended."""
     weights, rest = eqx.partition(controllers, eqx.is_array)
 
-    def mine(weights: Any, trials: Trial, until: Array) -> Trial:
-        return _play(env, eqx.combine(weights, rest), trials, until)
+    def mine(weights: Any, trials: Trial, memories: Memories, until: Array) -> Any:
+        return _play(env, eqx.combine(weights, rest), trials, memories, until)
 
     shared = jax.shard_map(
         mine,
         mesh=_mesh(len(trials.effort)),
-        in_specs=(Spec(), Spec(AXIS), Spec()),
+        in_specs=(Spec(), Spec(AXIS), Spec(AXIS), Spec()),
         out_specs=Spec(AXIS),
         check_vma=False,
     )
-    return shared(weights, trials, until)
+    return shared(weights, trials, memories, until)
 
 
 def _play(
-    env: SCLD, controllers: Sequence[Controller], trials: Trial, until: Int[Array, ""]
-) -> Trial:
-    def going(trials: Trial) -> Bool[Array, ""]:
-        return (~trials.state.done & (trials.state.time < until)).any()
+    env: SCLD,
+    controllers: Sequence[Controller],
+    trials: Trial,
+    memories: Memories,
+    until: Int[Array, ""],
+) -> tuple[Trial, Memories]:
+    def going(now: tuple[Trial, Memories]) -> Bool[Array, ""]:
+        return (~now[0].state.done & (now[0].state.time < until)).any()
 
-    def advance(trials: Trial) -> Trial:
-        after = jax.vmap(partial(_advance, env, controllers))(trials)
-        return where(trials.state.done, trials, after)
+    def advance(now: tuple[Trial, Memories]) -> tuple[Trial, Memories]:
+        trials, memories = now
+        after, memories = jax.vmap(partial(_advance, env, controllers))(trials, memories)
+        return where(trials.state.done, trials, after), memories
 
-    return jax.lax.while_loop(going, advance, trials)
+    return jax.lax.while_loop(going, advance, (trials, memories))
 
 
-def _advance(env: SCLD, controllers: Sequence[Controller], trials: Trial) -> Trial:
+def _advance(
+    env: SCLD, controllers: Sequence[Controller], trials: Trial, memories: Memories
+) -> tuple[Trial, Memories]:
     """One control step of one trial, for each controller (first axis)."""
-    own = [jax.tree.map(lambda x, i=i: x[i], trials.state) for i in range(len(controllers))]
-    actions = [controller.act(state) for controller, state in zip(controllers, own, strict=True)]
-    states = jax.vmap(env.step)(trials.state, jnp.stack(actions))
-    return jax.vmap(partial(_add_up, env))(trials, states)
+    own = [_own(trials.state, i) for i in range(len(controllers))]
+    acted = [act(*each) for each in zip(controllers, own, memories, strict=True)]
+    states = jax.vmap(env.step)(trials.state, jnp.stack([action for action, _ in acted]))
+    return jax.vmap(partial(_add_up, env))(trials, states), tuple(memory for _, memory in acted)
+
+
+def _own(states: State, controller: int, axis: int = 0) -> State:
+    """The states of one controller."""
+    return jax.tree.map(lambda x: x[(slice(None),) * axis + (controller,)], states)
 
 
 def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:

@@ -12,7 +12,7 @@ from salpchain.control.greedy import Greedy
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
-from salpchain.evaluation.trials import play, record_swims, run_trials, start_keys
+from salpchain.evaluation.trials import _remember, play, record_swims, run_trials, start_keys
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -33,6 +33,10 @@ ENV = module._domain([Greedy()], LENGTH, "fixed")
 
 def begun(num):
     return module._begin(ENV, 1, LENGTH, SEED, jnp.arange(num))
+
+
+def swum(crew, trials, until):
+    return play(ENV, crew, trials, _remember(crew, trials), jnp.int32(until))[0]
 
 
 def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
@@ -61,9 +65,9 @@ def test_every_policy_meets_the_same_starts(greedy, idle):
 def test_controllers_side_by_side_swim_as_each_does_alone():
     crew = (Constant(0.5), Greedy())
     start = module._begin(ENV, 2, LENGTH, SEED, jnp.arange(TRIALS))
-    together = play(ENV, crew, start, jnp.int32(50)).state.chain.units.position
+    together = swum(crew, start, 50).state.chain.units.position
     for i, controller in enumerate(crew):
-        alone = play(ENV, (controller,), begun(TRIALS), jnp.int32(50)).state.chain.units.position
+        alone = swum((controller,), begun(TRIALS), 50).state.chain.units.position
         np.testing.assert_allclose(together[:, i], alone[:, 0], atol=1e-4)
     assert float(jnp.abs(together[:, 0] - together[:, 1]).max()) > 0.1
 
@@ -109,8 +113,8 @@ def test_each_seed_length_and_trial_has_a_start_of_its_own_that_training_never_s
 
 
 def test_a_trial_is_frozen_once_it_has_ended():
-    half = play(ENV, (Greedy(),), begun(TRIALS), jnp.int32(200))
-    whole = play(ENV, (Greedy(),), half, jnp.int32(512))
+    half = swum((Greedy(),), begun(TRIALS), 200)
+    whole = swum((Greedy(),), half, 512)
     over = np.asarray(half.state.done)
     assert over.any() and not over.all() and bool(whole.state.done.all())
     for x, y in zip(*map(leaves, (half, whole)), strict=True):
@@ -153,7 +157,7 @@ def test_no_swim_beats_the_physical_limit(steps):
     limits = jax.vmap(jax.vmap(lambda s: bound(s.chain, s.target)))(start.state)
     assert float(limits.max()) < 1
     for controller in (Greedy(), Constant(1.0), Constant(-1.0)):
-        after = play(ENV, (controller,), start, jnp.int32(steps)).state
+        after = swum((controller,), start, steps).state
         assert bool((after.closed_fraction <= limits).all())
 
 
