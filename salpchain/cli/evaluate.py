@@ -27,7 +27,7 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or greedy."""
+    """A run folder, a policy.safetensors, greedy, or mpc (plans by sampling: slow)."""
     lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
     trials: Whole = "50"
@@ -78,8 +78,12 @@ def controller_of(name: str) -> "Controller":
         from salpchain.control.greedy import Greedy
 
         return Greedy()
+    if name == "mpc":
+        from salpchain.control.mpc import MPC
+
+        return MPC()
     if not Path(name).exists():
-        raise InputError(f"no such run folder or policy: {name} (a path, or greedy)")
+        raise InputError(f"no such run folder or policy: {name} (a path, greedy, or mpc)")
     from salpchain.control.storage import load
 
     return load(name)

@@ -29,7 +29,7 @@ class Plan(NamedTuple):
 
 
 class MPC(eqx.Module):
-    """Thrusts that would take the chain to its target soonest, by trying many and refining the best.
+    """Thrusts that would take the chain to its target soonest: many are tried, the best refined.
 
     A plan is piecewise linear in time. In each round `samples` plans near the best so far swim over
     the horizon; the mean of the `elites` best is the next round's middle. It knows the physics and
@@ -39,9 +39,9 @@ class MPC(eqx.Module):
     physics: Physics = eqx.field(default_factory=Physics)
     observation: str = eqx.field(static=True, default="body")
     action: str = eqx.field(static=True, default="thrust")
-    samples: int = eqx.field(static=True, default=128)  # plans in a round (chosen)
-    elites: int = eqx.field(static=True, default=12)
-    rounds: int = eqx.field(static=True, default=2)
+    samples: int = eqx.field(static=True, default=256)  # plans in a round (chosen)
+    elites: int = eqx.field(static=True, default=16)
+    rounds: int = eqx.field(static=True, default=3)
     knots: int = eqx.field(static=True, default=11)
     every: int = eqx.field(static=True, default=6)  # control steps between knots
     noise: float = 0.7  # N, of a knot in the first round
@@ -73,7 +73,7 @@ class MPC(eqx.Module):
         return self.plan(state, self.begin(state))[0]
 
     def _refine(
-        self, state: State, knots: Float[Array, "knot unit"], noise: Array, key: PRNGKeyArray
+        self, state: State, knots: Float[Array, "knot unit"], noise: float, key: PRNGKeyArray
     ) -> Float[Array, "knot unit"]:
         """The mean of the best plans near this one, itself among those tried."""
         change = noise * jr.normal(key, (self.samples, *knots.shape))

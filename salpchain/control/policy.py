@@ -89,9 +89,7 @@ def begin(controller: Controller, state: State) -> Any:
     return controller.begin(state) if isinstance(controller, Planner) else ()
 
 
-def act(
-    controller: Controller, state: State, memory: Any
-) -> tuple[Float[Array, "unit act"], Any]:
+def act(controller: Controller, state: State, memory: Any) -> tuple[Float[Array, "unit act"], Any]:
     """The action of every unit, and what the controller remembers after it."""
     if isinstance(controller, Planner):
         return controller.plan(state, memory)

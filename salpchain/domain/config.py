@@ -8,6 +8,7 @@ SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
 OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24}
+GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)
 STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
 
@@ -27,6 +28,7 @@ class TaskConfig:
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
     contact: bool = True  # units collide
     fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
+    tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
 
     def __post_init__(self) -> None:
         check_length(self.length)
@@ -35,6 +37,8 @@ class TaskConfig:
         one_of("time limit", self.time_limit, TIME_LIMITS)
         if not self.fine_weight >= 0:
             raise InputError(f"fine weight must be 0 or more, got {self.fine_weight}")
+        if not 0 < self.tolerance <= 1:
+            raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance}")
 
 
 def check_length(length: int) -> int:

@@ -4,10 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from salpchain.domain.config import GOAL_LIMIT
 from salpchain.domain.frechet import within_frechet
 from salpchain.physics.chain import Chain
 
-GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)
 
 
@@ -42,10 +42,15 @@ def distances(chain: Chain, target: Float[Array, "unit 2"]) -> Distances:
     return Distances(jnp.sum(apart) * share, (each + together) / 2)
 
 
-def reached(chain: Chain, target: Float[Array, "unit 2"]) -> Bool[Array, ""]:
-    """Whether the chain has taken the target pose: exp(-Frechet distance) >= 0.95."""
+def reached(
+    chain: Chain, target: Float[Array, "unit 2"], tolerance: float = GOAL_LIMIT
+) -> Bool[Array, ""]:
+    """Whether the chain has taken the target pose: exp(-Frechet distance) >= 0.95.
+
+    `tolerance` (m) is another Frechet distance at which it counts as taken.
+    """
     length = chain.present.sum()
-    return within_frechet(chain.units.position, target, length, GOAL_LIMIT)
+    return within_frechet(chain.units.position, target, length, tolerance)
 
 
 def reward_terms(before: Distances, after: Distances, goal: Bool[Array, ""]) -> Terms:

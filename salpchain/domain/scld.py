@@ -124,7 +124,7 @@ class SCLD(eqx.Module):
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None
         chain = step(state.chain, thrust, self.physics, fence, self.config.contact)
         now = distances(chain, state.target)
-        goal = reached(chain, state.target)
+        goal = reached(chain, state.target, self.config.tolerance)
         terms = reward_terms(state.distances, now, goal)
         time = state.time + 1
         return State(

@@ -99,13 +99,17 @@ def read_config(run: Path) -> tuple[TrainConfig, int]:
 
 
 def train_config(values: dict[str, Any]) -> TrainConfig:
-    """The settings from plain values; unknown and missing ones are refused."""
+    """The settings from plain values; unknown ones are refused.
+
+    One that is missing came with a later version, and has its default: what was done before.
+    """
     parts = {"task": TaskConfig, "control": ControlConfig, "ppo": PPOConfig, "mix": Mix}
+    values = {"mix": {}, **values}
     for name, kind in (*parts.items(), (None, TrainConfig)):
         given = values if name is None else values[name]
-        odd = {field.name for field in dataclasses.fields(kind)} ^ given.keys()
+        odd = given.keys() - {field.name for field in dataclasses.fields(kind)}
         if odd:
-            raise TypeError(f"{sorted(odd)[0]!r} is missing or unknown")
+            raise TypeError(f"{sorted(odd)[0]!r} is unknown")
     values = {**values, "mix": {name: _frozen(value) for name, value in values["mix"].items()}}
     built: dict[str, Any] = {name: kind(**values[name]) for name, kind in parts.items()}
     return TrainConfig(**{**values, **built})

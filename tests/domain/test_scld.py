@@ -7,8 +7,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import TaskConfig, step_limit
-from salpchain.domain.reward import GOAL_LIMIT
+from salpchain.domain.config import GOAL_LIMIT, TaskConfig, step_limit
 from salpchain.domain.scld import SCLD, renew_done
 from salpchain.errors import InputError
 

@@ -1,0 +1,66 @@
+"""Planning on the engine: better than its first guess, better than greedy, with a memory."""
+
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.control.greedy import Greedy
+from salpchain.control.mpc import MPC
+from salpchain.control.policy import Planner, act, begin
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD
+from salpchain.evaluation.trials import run_trials
+
+SMALL = MPC(samples=32, elites=4, rounds=2, knots=6, every=5)
+ENV = SCLD(TaskConfig(length=3))
+
+
+@pytest.fixture(scope="module")
+def state():
+    return jax.jit(ENV.reset)(jr.key(3))
+
+
+def test_a_refined_plan_is_never_worse_than_the_one_it_came_from(state):
+    best = MPC(samples=16, elites=1, knots=3, every=4)
+    plans = 0.3 * jr.normal(jr.key(0), (8, 3, 3))
+    keys = jr.split(jr.key(1), 8)
+    refine = jax.jit(jax.vmap(lambda plan, key: best._refine(state, plan, 0.5, key)))
+    cost = jax.jit(jax.vmap(lambda plan: best._cost(state, plan)))
+    before, after = np.asarray(cost(plans)), np.asarray(cost(refine(plans, keys)))
+    assert (after <= before).all() and (after < before).any()
+
+
+def test_thrusts_between_knots_lie_on_straight_lines():
+    knots = jnp.array([[0.0, 1.0], [0.5, -1.0], [1.0, 0.0]])
+    thrusts = MPC(knots=3, every=4)._thrusts(knots)
+    expected = np.stack([np.interp(np.arange(9), [0, 4, 8], knot) for knot in knots.T], axis=1)
+    np.testing.assert_allclose(thrusts, expected, atol=1e-6)
+
+
+def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
+    assert isinstance(SMALL, Planner) and not isinstance(Greedy(), Planner)
+    assert begin(Greedy(), state) == ()
+    first, memory = jax.jit(lambda s: act(SMALL, s, begin(SMALL, s)))(state)
+    np.testing.assert_allclose(first, SMALL.act(state), atol=1e-6)
+    assert float(jnp.abs(memory.knots).max()) > 0.1  # what it goes on from
+    again, _ = jax.jit(SMALL.plan)(state, memory)
+    assert float(jnp.abs(again - first).max()) > 1e-3
+
+
+def test_planning_reaches_more_targets_than_greedy_and_sooner_from_the_same_starts():
+    (ours,), (theirs,) = (run_trials([c], 3, 6, "fixed", 5) for c in (SMALL, Greedy()))
+    assert ours.success.mean() > theirs.success.mean()
+    assert ours.steps.median() < 0.5 * theirs.steps.median()
+
+
+@pytest.mark.parametrize("action", ["thrust", "pair"])
+def test_a_planner_speaks_either_action(state, action):
+    planner = MPC(samples=4, elites=1, rounds=1, knots=2, every=2, action=action)
+    env = SCLD(TaskConfig(length=3, action=action))
+    thrust = env.thrust(state.chain, planner.act(state))
+    spoken = SCLD(TaskConfig(length=3)).thrust(
+        state.chain, MPC(samples=4, elites=1, rounds=1, knots=2, every=2).act(state)
+    )
+    np.testing.assert_allclose(thrust, spoken, atol=1e-6)
