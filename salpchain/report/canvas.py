@@ -81,10 +81,13 @@ class Canvas:
 
 def _path(lines: Lines, closed: bool) -> Path:
     """All lines as one path, so that where they cross is not darker."""
-    sizes = [len(line) + closed for line in lines]
-    points = np.concatenate([np.vstack([line, line[:1]]) if closed else line for line in lines])
+    if isinstance(lines, np.ndarray):
+        whole = np.concatenate([lines, lines[:, :1]], axis=1) if closed else lines
+        points, starts = whole.reshape(-1, 2), np.arange(len(whole) + 1) * whole.shape[1]
+    else:
+        whole = [np.vstack([line, line[:1]]) if closed else line for line in lines]
+        points, starts = np.vstack(whole), np.cumsum([0, *(len(line) for line in whole)])
     codes = np.full(len(points), Path.LINETO, Path.code_type)
-    starts = np.concatenate([[0], np.cumsum(sizes)])
     codes[starts[:-1]] = Path.MOVETO
     if closed:
         codes[starts[1:] - 1] = Path.CLOSEPOLY

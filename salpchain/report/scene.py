@@ -58,16 +58,25 @@ class Scene:
     def _reach(self) -> Float[np.ndarray, "2 2"]:
         """Lowest and highest coordinates (m) that are shown."""
         points = np.concatenate([self.swim.unit_position.reshape(-1, 2), self.swim.target])
+        points = points @ self._turn.T
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.08 + 0.03 * (high - low).max()
         return np.stack([low - margin, high + margin])
+
+    @cached_property
+    def _turn(self) -> Float[np.ndarray, "2 2"]:
+        """Turns the way to the target along the longer side of the rectangle."""
+        x, y = self.swim.target.mean(axis=0) - self.swim.centroid[0]
+        bearing = np.arctan2(y, x) - (0.0 if self.box.width >= self.box.height else np.pi / 2)
+        cos, sin = np.cos(bearing), np.sin(bearing)
+        return np.array([[cos, sin], [-sin, cos]])
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Where points (m) are on the canvas (pixels)."""
         middle = np.array(
             [self.box.x + self.box.width / 2, self.box.y + self.box.height / 2 - self.text_size]
         )
-        return (points - self._reach.mean(axis=0)) * self.scale + middle
+        return (points @ self._turn.T - self._reach.mean(axis=0)) * self.scale + middle
 
     def draw_still(self, canvas: Canvas) -> None:
         """What is the same at every moment: the target's band, its points, words, scale bar."""
@@ -77,6 +86,8 @@ class Scene:
         size, left = self.text_size, self.box.x + self.text_size
         top = self.box.y + self.box.height
         canvas.text(left, top - 1.9 * size, self.title, 1.25 * size, INK, bold=True)
+        canvas.text(left + 3.3 * size, self._words_at, "s", size, FAINT)
+        canvas.text(left + 7.7 * size, self._words_at, "cm to the target", size, FAINT)
         self._draw_scale_bar(canvas)
 
     def _draw_scale_bar(self, canvas: Canvas) -> None:
@@ -138,19 +149,25 @@ class Scene:
             np.concatenate([outlines, outlines[:, :1]], 1), DEEP, max(1.0, 0.3 * width), alpha=0.7
         )
         for outline, colour in zip(outlines, place_colours(len(outlines)), strict=True):
-            canvas.fill([outline], colour)
+            canvas.fill(outline[None], colour)
         shine = outlines.mean(axis=1, keepdims=True)
         canvas.fill(shine + 0.5 * (outlines - shine), (1, 1, 1), alpha=0.18)
 
     def _draw_words(self, canvas: Canvas, now: float) -> None:
-        """Clock and distance, and whether the goal is reached."""
-        size, left = self.text_size, self.box.x + self.text_size
-        low = self.box.y + self.box.height - 3.5 * size
+        """The numbers of clock and distance; the goal in words once it is reached."""
+        size, left, low = self.text_size, self.box.x + self.text_size, self._words_at
         apart = 100 * float(_between(self.swim.distance, now))
-        words = f"{now * self.swim.dt:5.1f} s   {apart:6.1f} cm to the target"
         arrived = self.swim.success and now >= self.swim.steps
-        canvas.text(left, low, words + ("   reached" if arrived else ""), size,
-                    DONE if arrived else FAINT)  # fmt: skip
+        colour = DONE if arrived else INK
+        canvas.text(left + 3 * size, low, f"{now * self.swim.dt:.1f}", size, colour, right=True)
+        canvas.text(left + 7.4 * size, low, f"{apart:.1f}", size, colour, right=True)
+        if arrived:
+            canvas.text(left + 17 * size, low, "reached", size, DONE, bold=True)
+
+    @property
+    def _words_at(self) -> float:
+        """Height of the line with clock and distance (pixels)."""
+        return self.box.y + self.box.height - 3.5 * self.text_size
 
 
 def _between(values: np.ndarray, now: float) -> np.ndarray:
