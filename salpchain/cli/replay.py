@@ -39,9 +39,7 @@ def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
     out = check_out(options.out, (".html",), "replay")
-    swims = trajectories(
-        sources, options.length, options.seed, options.trial, options.time_limit
-    )
+    swims = trajectories(sources, options.length, options.seed, options.trial, options.time_limit)
     from salpchain.report.replay import write_replay
 
     write_replay(swims, out)

@@ -27,8 +27,9 @@ Angles = np.ndarray  # (time, body)
 class Trajectory:
     """One episode as it was: every body at every control step, and what was done in between.
 
-    Shapes are checked when it is made, as a file may hold anything. Time runs from the start to the end, both counted; what a step has (thrust, reward) is one
-    fewer: entry k holds from time k to time k + 1.
+    Shapes are checked when it is made, as a file may hold anything. Time runs from the start to
+    the end, both counted; what a step has (thrust, reward) is one fewer: entry k holds from time
+    k to time k + 1.
 
     Raises:
         InputError: a field of another shape or kind than stated, or a number that cannot be.

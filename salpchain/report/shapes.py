@@ -46,9 +46,10 @@ def jet_outlines(
     away = np.linspace(0, 1, 2 * DETAIL)
     girth = 0.014 * width * np.sqrt(1 - away) * (0.55 + 1.2 * away)
     right, left = np.stack([girth, -away], 1), np.stack([-girth, -away], 1)[::-1]
-    drop = np.concatenate([right, left])[None] * np.stack(
-        [0.35 + 0.65 * np.abs(thrust), JET * thrust], axis=1
-    )[:, None]
+    drop = (
+        np.concatenate([right, left])[None]
+        * np.stack([0.35 + 0.65 * np.abs(thrust), JET * thrust], axis=1)[:, None]
+    )
     rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (UNIT[1] / 2 - 0.003))[:, None]
     return _placed(drop + rim[:, None], position, angle)
 

@@ -49,7 +49,7 @@ class Moved(NamedTuple):
 
 
 class Pool:
-    """Compiled steps by kind of controller and number of slots. Safe to use from several threads."""
+    """Compiled steps by kind of controller and number of slots; several threads may use it."""
 
     def __init__(self) -> None:
         """Nothing is compiled yet."""
@@ -58,8 +58,11 @@ class Pool:
 
     def prepare(self, controller: Controller, slots: int) -> None:
         """Compiles the step of such controllers, unless that was done."""
+        key = _key(controller, slots)
+        if key in self._compiled:
+            return
         with self._lock:
-            if (key := _key(controller, slots)) not in self._compiled:
+            if key not in self._compiled:
                 weights, rest = eqx.partition(controller, eqx.is_array)
                 work = jax.jit(partial(_advance, rest)).lower(weights, empty(slots))
                 self._compiled[key] = work.compile()
