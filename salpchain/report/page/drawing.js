@@ -74,8 +74,9 @@ const Salp = (() => {
     return true;
   }
 
-  const specks = Array.from({ length: 70 }, (_, i) => ({
-    x: (i * 0.61803) % 1, y: (i * 0.75488) % 1, near: 0.25 + 0.75 * ((i * 0.56984) % 1),
+  const scatter = (i, salt) => Math.abs(Math.sin(i * 127.1 + salt) * 43758.5453) % 1;
+  const specks = Array.from({ length: 60 }, (_, i) => ({
+    x: scatter(i, 1), y: scatter(i, 2), near: 0.25 + 0.75 * scatter(i, 3),
   }));
 
   // Water with specks that drift with the current (m/s) and lag behind the camera as it pans.
