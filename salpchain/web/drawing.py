@@ -9,10 +9,11 @@ from salpchain.errors import InputError
 SHARPEST = 2 * np.arcsin(LINK / (2 * 0.05))  # rad between chords: the task's tightest arc, 5 cm
 SHORTEST_LINE = 0.05  # m, of a drawing that means anything (chosen)
 
-Points = Float[np.ndarray, "point 2"]
+Points = Float[np.ndarray, "_ 2"]
+Point = Float[np.ndarray, "2"]
 
 
-def random_target(dice: np.random.Generator, length: int, centre: Points) -> Points:
+def random_target(dice: np.random.Generator, length: int, centre: Point) -> Points:
     """An arc or an S of chords of one link, in a random place near a chain's length away."""
     whole = length * LINK
     radius = max(dice.uniform(0.2, 0.9) * whole, 0.08)
@@ -25,7 +26,7 @@ def random_target(dice: np.random.Generator, length: int, centre: Points) -> Poi
     return points - points.mean(axis=0) + centre + far * np.array([np.cos(way), np.sin(way)])
 
 
-def _walked(start: Points, bearings: Float[np.ndarray, " chord"]) -> Points:
+def _walked(start: Point, bearings: Float[np.ndarray, " chord"]) -> Points:
     steps = LINK * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     return np.vstack([start, start + np.cumsum(steps, axis=0)])
 
@@ -55,7 +56,7 @@ def resampled(drawn: Points, length: int) -> Points:
     return np.array(points)
 
 
-def _ahead(line: Points, here: Points, at: float) -> tuple[Points | None, float]:
+def _ahead(line: Points, here: Point, at: float) -> tuple[Point | None, float]:
     """The first point of the line past `at` (in pieces) that is one link from here; or its end.
 
     None where the line has ended.
@@ -71,7 +72,7 @@ def _ahead(line: Points, here: Points, at: float) -> tuple[Points | None, float]
     return (line[-1], last) if at < last and rest > 0.2 * LINK else (None, last)
 
 
-def _crossings(a: Points, way: Points) -> list[float]:
+def _crossings(a: Point, way: Point) -> list[float]:
     """Where a + part * way leaves the circle of one link around the origin, part in [0, 1]."""
     square = float(way @ way)
     if square == 0:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller
@@ -23,29 +23,29 @@ CHAINS = 6  # that swim at once (chosen)
 
 
 class Packed(NamedTuple):
-    """All chains one after the other in as many slots as a program has."""
+    """All chains one after the other in as many slots as a program has; NumPy or JAX."""
 
-    units: Float[Array, "slot 6"]  # x, y, angle and their rates
-    links: Float[Array, "gap 6"]
-    rest: Float[Array, "gap 2"]
-    linked: Bool[Array, " gap"]
-    target: Float[Array, "slot 2"]
-    thrust: Float[Array, " slot"]  # of the last step (N)
-    works: Bool[Array, " slot"]
-    kick: Float[Array, "slot 2"]  # m/s, added to a unit's velocity once
-    current: Float[Array, "2"]  # m/s, of the water
-    first: Int[Array, " chain"]  # slot of each chain's first unit
-    count: Int[Array, " chain"]  # its units; 0 where there is no chain
+    units: Any  # (slot, 6) x, y, angle and their rates
+    links: Any  # (gap, 6)
+    rest: Any  # (gap, 2)
+    linked: Any  # (gap,)
+    target: Any  # (slot, 2)
+    thrust: Any  # (slot,) of the last step (N)
+    works: Any  # (slot,)
+    kick: Any  # (slot, 2) m/s, added to a unit's velocity once
+    current: Any  # (2,) m/s, of the water
+    first: Any  # (chain,) slot of each chain's first unit
+    count: Any  # (chain,) its units; 0 where there is no chain
 
 
 class Moved(NamedTuple):
     """The chains one control step later."""
 
-    units: Float[Array, "slot 6"]
-    links: Float[Array, "gap 6"]
-    thrust: Float[Array, " slot"]
-    distance: Float[Array, " chain"]  # m, mean, to the target
-    reached: Bool[Array, " chain"]
+    units: Any  # (slot, 6)
+    links: Any  # (gap, 6)
+    thrust: Any  # (slot,)
+    distance: Any  # (chain,) m, mean, to the target
+    reached: Any  # (chain,)
 
 
 class Pool:
@@ -104,7 +104,7 @@ def empty(slots: int) -> Packed:
         current=np.zeros(2, f),
         first=np.zeros(CHAINS, np.int32),
         count=np.zeros(CHAINS, np.int32),
-    )  # type: ignore[arg-type]
+    )
 
 
 def _advance(rest: Any, weights: Any, packed: Packed) -> Moved:

@@ -14,8 +14,9 @@ REACH = 0.3  # m, how near two ends must be to be joined (chosen)
 ROOM = 0.055  # m, how far a new unit must be from all others (chosen: a unit's width and a bit)
 LEANS = np.radians([0, 20, -20, 40, -40, 60, -60, 80, -80])  # tried for a new unit, in this order
 
-Bodies = Float[np.ndarray, "body 6"]  # x, y (m), angle (rad), their rates (m/s, rad/s)
-Points = Float[np.ndarray, "point 2"]
+Bodies = Float[np.ndarray, "_ 6"]  # x, y (m), angle (rad), their rates (m/s, rad/s)
+Points = Float[np.ndarray, "_ 2"]
+Point = Float[np.ndarray, "2"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +24,11 @@ class Swimmer:
     """A chain with its target pose; a new one is made wherever something changes."""
 
     name: int  # number that clients know it by
-    units: Bodies
-    links: Bodies
+    units: Float[np.ndarray, "unit 6"]
+    links: Float[np.ndarray, "link 6"]
     rest: Float[np.ndarray, "link 2"]  # rad, as in physics.Chain.rest_angle
     works: Bool[np.ndarray, " unit"]  # whether the unit's thruster is on
-    target: Points  # m
+    target: Float[np.ndarray, "unit 2"]  # m
     turn: float = 0.0  # rad, how far the target pose was turned so far
     thrust: Float[np.ndarray, " unit"] | None = None  # N, of the last step
     distance: float = 0.0  # m, mean, to the target
@@ -46,7 +47,7 @@ class Swimmer:
         return np.zeros(self.length) if self.thrust is None else self.thrust
 
 
-def straight(name: int, length: int, centre: Points, angle: float, target: Points) -> Swimmer:
+def straight(name: int, length: int, centre: Point, angle: float, target: Points) -> Swimmer:
     """A chain at rest around a point, its links closed."""
     along = LINK * np.array([np.cos(angle), np.sin(angle)])
     place = centre + (np.arange(length) - (length - 1) / 2)[:, None] * along
@@ -66,7 +67,7 @@ def aimed(one: Swimmer, target: Points, turn: float = 0.0) -> Swimmer:
     )
 
 
-def placed(one: Swimmer, centre: Points, turn: float) -> Swimmer:
+def placed(one: Swimmer, centre: Point, turn: float) -> Swimmer:
     """The swimmer with its target pose moved to a centre and turned to an angle."""
     by = turn - one.turn
     cos, sin = np.cos(by), np.sin(by)
@@ -190,7 +191,8 @@ def joined(one: Swimmer, other: Swimmer) -> Swimmer:
         )
     way = other.units[0, :2] - one.units[-1, :2]
     hop = way * (LINK / max(np.linalg.norm(way), 1e-9) - 1)
-    angle = np.arctan2(way[1], way[0])
+    facing = one.units[-1, ANGLE]
+    angle = facing + _wrapped(np.arctan2(way[1], way[0]) - facing)
     link = (one.units[-1] + other.units[0]) / 2
     link[:2], link[ANGLE], link[SPIN] = one.units[-1, :2] + (way + hop) / 2, angle, 0.0
     shift = np.array([*hop, 0, 0, 0, 0])
@@ -202,8 +204,9 @@ def joined(one: Swimmer, other: Swimmer) -> Swimmer:
         rest=np.vstack([one.rest, [sides], other.rest]),
         works=np.concatenate([one.works, other.works]),
         thrust=np.concatenate([one.pushes, other.pushes]),
+        target=_gone_on(one.target, other.length),
     )
-    return aimed(whole, _gone_on(one.target, other.length), one.turn)
+    return aimed(whole, whole.target, one.turn)
 
 
 def _end_to_end(one: Swimmer, other: Swimmer) -> tuple[Swimmer, Swimmer, float]:

@@ -19,7 +19,7 @@ FASTEST_CURRENT = 0.3  # m/s (chosen: half as fast again as a chain)
 HARDEST_KICK = 3.0  # m/s, of the one unit that is pushed (chosen)
 FIRST_LENGTH = 12  # units, until somebody changes it (chosen)
 
-Points = Float[np.ndarray, "point 2"]
+Point = Float[np.ndarray, "2"]
 
 
 @dataclass
@@ -31,7 +31,7 @@ class World:
 
     seed: int = 0
     time: int = 0  # control steps
-    current: Points = field(default_factory=lambda: np.zeros(2))  # m/s
+    current: Point = field(default_factory=lambda: np.zeros(2))  # m/s
     swimmers: list[Swimmer] = field(default_factory=list)
     card: PolicyCard | None = None  # of the controller that steers
     epoch: int = 0  # counts resets, so that a page knows that chains did not swim but jump
@@ -39,7 +39,7 @@ class World:
     def __post_init__(self) -> None:
         self._dice = np.random.default_rng(self.seed)
         self._names = 0
-        self._kicks: list[tuple[int, int, Points]] = []
+        self._kicks: list[tuple[int, int, Point]] = []
         if not self.swimmers:
             self.reset(FIRST_LENGTH)
 
@@ -140,7 +140,9 @@ class World:
         self.time += 1
         self._kicks = []
         self.swimmers = [
-            _after(one, moved.units[a:], moved.links[a:], moved.thrust[a:], apart, bool(good))
+            _after(
+                one, moved.units[a:], moved.links[a:], moved.thrust[a:], float(apart), bool(good)
+            )
             for one, a, apart, good in zip(
                 self.swimmers, packed.first, moved.distance, moved.reached, strict=False
             )
@@ -201,7 +203,7 @@ def _after(
         units=units[:n].astype(float),
         links=links[: n - 1].astype(float),
         thrust=thrust[:n].astype(float),
-        distance=float(apart),
+        distance=apart,
         reached=good,
         since=since,
         arrived=since if good and one.arrived is None else one.arrived,
