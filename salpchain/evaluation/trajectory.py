@@ -99,7 +99,7 @@ class Trajectory:
         Raises:
             OSError: the folder is missing or not writable, or the disk is full.
         """
-        named = {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+        named: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         content = io.BytesIO()
         np.savez_compressed(content, format=np.asarray(FORMAT), **named)
         write_bytes(path, content.getvalue())

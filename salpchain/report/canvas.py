@@ -63,7 +63,7 @@ class Canvas:
         font = FontProperties(size=size, weight="bold" if look.get("bold") else "normal")
         if look.get("right"):
             x -= self._renderer.get_text_width_height_descent(words, font, False)[0]
-        self._pen.set_foreground(tuple(colour))
+        self._pen.set_foreground(_rgb(colour))
         self._pen.set_alpha(1.0)
         self._renderer.draw_text(self._pen, x, self.height - y, words, font, 0)
 
@@ -73,10 +73,15 @@ class Canvas:
         if not len(lines):
             return
         self._pen.set_linewidth(width)
-        self._pen.set_foreground(tuple(colour))
+        self._pen.set_foreground(_rgb(colour))
         self._pen.set_alpha(alpha)
-        face = (*(float(part) for part in colour), alpha) if filled else None
+        face = (*_rgb(colour), alpha) if filled else None
         self._renderer.draw_path(self._pen, _path(lines, closed), _AS_GIVEN, face)
+
+
+def _rgb(colour: Colour) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return float(red), float(green), float(blue)
 
 
 def _path(lines: Lines, closed: bool) -> Path:

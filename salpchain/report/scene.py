@@ -151,7 +151,7 @@ class Scene:
         for outline, colour in zip(outlines, place_colours(len(outlines)), strict=True):
             canvas.fill(outline[None], colour)
         shine = outlines.mean(axis=1, keepdims=True)
-        canvas.fill(shine + 0.5 * (outlines - shine), (1, 1, 1), alpha=0.18)
+        canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=0.18)
 
     def _draw_words(self, canvas: Canvas, now: float) -> None:
         """The numbers of clock and distance; the goal in words once it is reached."""

@@ -27,6 +27,10 @@ Pixels = UInt8[np.ndarray, "height width 4"]
 Progress = Callable[[float], None]
 
 
+def _unheard(_: float) -> None:
+    """Nobody wants to know the progress."""
+
+
 @dataclass(frozen=True)
 class Film:
     """How a video looks.
@@ -53,11 +57,11 @@ class Film:
             raise InputError(f"speed must be 0.05 to 100, got {self.speed}")
 
 
-DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15, 4), ".png": Film(480, 480)}
+DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(480, 480)}
 
 
 def write_video(
-    swims: Sequence[Trajectory], out: Path, film: Film | None = None, progress: Progress = print
+    swims: Sequence[Trajectory], out: Path, film: Film | None = None, progress: Progress = _unheard
 ) -> Path:
     """The trajectories side by side in one video; returns its path.
 

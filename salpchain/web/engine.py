@@ -25,9 +25,16 @@ class Engine:
     Everything runs in the event loop but reading policies and compiling, so nothing needs a lock.
     """
 
-    def __init__(self, fleet: Fleet, tell: Callable[[bytes], None], seed: int = 0) -> None:
-        """`tell` gets every new state, as bytes for all browsers."""
-        self.world, self.fleet, self._tell = World(seed), fleet, tell
+    def __init__(
+        self,
+        fleet: Fleet,
+        tell: Callable[[bytes], None],
+        complain: Callable[[str], None],
+        seed: int = 0,
+    ) -> None:
+        """`tell` gets every new state, as bytes for all browsers, and `complain` every error."""
+        self.world, self.fleet = World(seed), fleet
+        self._tell, self._complain = tell, complain
         self.pool = Pool()
         self.paused, self.speed, self.watched = False, 1.0, 0
         self.policy, self.loading = fleet.first, fleet.first
@@ -69,7 +76,7 @@ class Engine:
         Raises:
             InputError: it cannot be done; nothing has changed.
         """
-        _DEEDS[type(message)](self, message)
+        DEEDS[type(message)](self, message)
         self.show()
 
     def state(self) -> bytes:
@@ -133,7 +140,7 @@ class Engine:
             self.world.steer_by(controller.card)  # chains may have changed meanwhile
             self._controller, self.policy = controller, name
         except (InputError, OSError) as error:
-            self._tell(messages.write("error", text=str(error)))
+            self._complain(str(error))
         finally:
             self.loading = ""
         self.show()
@@ -166,7 +173,7 @@ def _short(point: np.ndarray) -> list[float]:
     return [round(value, 4) for value in point.tolist()]
 
 
-_DEEDS: dict[type, Callable[[Engine, Any], None]] = {
+DEEDS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Place: lambda e, m: e.world.place(m.chain, m.x, m.y, m.turn),
     messages.Draw: lambda e, m: e.world.draw(m.chain, m.points),
     messages.Grow: lambda e, m: e.world.grow(m.chain),

@@ -9,7 +9,8 @@ from urllib.parse import urlsplit
 LARGEST_MESSAGE = 32 * 1024  # bytes; a drawing of 500 points takes 20 kB (chosen)
 LARGEST_FRAME = 1024 * 1024  # bytes, beyond which a connection is closed at once (chosen)
 PER_SECOND, BURST = 60.0, 120.0  # messages of one client; a drag sends one for each frame (chosen)
-PATIENCE = 2000  # messages refused in a row, after which the client is sent away (chosen)
+PATIENCE = 2000  # messages refused, after which the client is sent away (chosen)
+FORGIVEN = 10  # refusals that each message within the allowance makes good (chosen)
 MOST_CLIENTS = 32  # at once (chosen)
 
 Scope = MutableMapping[str, Any]
@@ -103,7 +104,7 @@ class Allowance:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """A full allowance."""
         self._clock, self._left, self._last = clock, BURST, clock()
-        self.refused = 0  # in a row
+        self.refused = 0
 
     def take(self) -> bool:
         """Whether one more message is allowed now."""
@@ -114,5 +115,5 @@ class Allowance:
             self.refused += 1
             return False
         self._left -= 1
-        self.refused = 0
+        self.refused = max(0, self.refused - FORGIVEN)
         return True

@@ -14,9 +14,7 @@ Count = Annotated[int, Meta(ge=0, le=10**9)]
 Point = tuple[Metres, Metres]
 
 
-class Message(
-    Struct, tag_field="type", tag=str.lower, forbid_unknown_fields=True, frozen=True, kw_only=True
-):
+class Message(Struct, tag_field="type", tag=str.lower, forbid_unknown_fields=True, kw_only=True):
     """What a browser says; `type` is the class's name in small letters."""
 
 
@@ -114,11 +112,11 @@ class Reset(Message):
     length: Annotated[int, Meta(ge=2, le=512)] | None = None
 
 
-Any_ = (
+Edit = (
     Place | Draw | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Steer | Pause | Step
     | Pace | Reset
 )  # fmt: skip
-_decoder = msgspec.json.Decoder(Any_)
+_decoder = msgspec.json.Decoder(Edit)
 _encoder = msgspec.json.Encoder()
 
 
@@ -142,4 +140,4 @@ def write(kind: str, **content: Any) -> bytes:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of what a browser may say."""
-    return msgspec.json.schema(Any_)
+    return msgspec.json.schema(Edit)

@@ -93,9 +93,11 @@ class Live:
 
     def app(self, names: frozenset[str] = frozenset()) -> Guard:
         """The ASGI application behind its guard."""
-        routes = [Route(path, _file, methods=["GET"]) for path in PAGE]
-        routes.append(WebSocketRoute("/swim", self._meet))
-        return Guard(Starlette(routes=routes, lifespan=self._lifespan), names)
+        pages = [Route(path, _file, methods=["GET"]) for path in PAGE]
+        routes = [*pages, WebSocketRoute("/swim", self._meet)]
+        site = Starlette(routes=routes, lifespan=self._lifespan)
+        site.router.redirect_slashes = False
+        return Guard(site, names)
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
@@ -128,11 +130,15 @@ class Live:
 
         use_devices()
         chosen, runs, seed = self._asked
-        return Engine(Fleet(chosen, Path(runs) if runs else None), self._tell, seed)
+        return Engine(Fleet(chosen, Path(runs) if runs else None), self._tell, self._complain, seed)
 
     def _tell(self, message: bytes) -> None:
         for client in self.clients:
             client.tell(message)
+
+    def _complain(self, text: str) -> None:
+        for client in self.clients:
+            client.complain(text)
 
     def _greet(self, client: Client) -> None:
         assert self.engine is not None

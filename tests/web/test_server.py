@@ -1,4 +1,4 @@
-"""The server's safety and manners, over real sockets: one server for all tests but those of limits."""
+"""The server's safety and manners, over real sockets: one server for nearly all tests."""
 
 import asyncio
 import json
@@ -8,10 +8,11 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
+from pathlib import Path
 
 import jax.random as jr
-import msgspec
 import pytest
+import uvicorn
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
@@ -20,9 +21,8 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
 from salpchain.errors import InputError
 from salpchain.web import guard, messages, server
+from salpchain.web.engine import DEEDS
 from salpchain.web.fleet import Fleet
-
-import uvicorn  # isort: skip
 
 
 @contextmanager
@@ -116,7 +116,7 @@ def test_every_edit_reaches_every_browser(port):
 
 BAD = [
     ("not json", "JSON"),
-    ("", "JSON"),
+    ("", "truncated"),
     ("[]", "object"),
     ("{}", "type"),
     ('{"type": "explode"}', "explode"),
@@ -168,9 +168,8 @@ def test_too_many_messages_get_an_error_and_a_flood_ends_the_connection(port):
         with pytest.raises(ConnectionClosed):
             for _ in range(int(guard.BURST) + guard.PATIENCE + 2000):
                 say(flood, "step")
-            errors = 0
             while True:
-                errors += json.loads(flood.recv(timeout=10))["type"] == "error"
+                flood.recv(timeout=10)
         say(calm, "step")
         hear(calm, "state")
 
@@ -227,8 +226,8 @@ def test_a_foreign_host_cannot_open_the_channel(port):
 
 @pytest.mark.parametrize(
     "path",
-    ["/etc/passwd", "/../server.py", "/%2e%2e/server.py", "/static/live.js", "/live.js/", "//live.js",
-     "/live.js%00", "/..%2f..%2fpyproject.toml", "/swim", "/docs", "/openapi.json"],
+    ["/etc/passwd", "/../server.py", "/%2e%2e/server.py", "/static/live.js", "/live.js/",
+     "//live.js", "/live.js%00", "/..%2f..%2fpyproject.toml", "/swim", "/docs", "/openapi.json"],
 )  # fmt: skip
 def test_no_other_file_can_be_read(port, path):
     status, text, _ = get(port, path)
@@ -314,10 +313,9 @@ def test_a_client_that_does_not_listen_holds_one_state_not_all():
     assert len(sent) == server.ERRORS_AT_ONCE + 1 and sent[-1] == "state 999"
 
 
-def test_the_schema_names_every_message():
+def test_the_schema_names_every_message_that_the_engine_knows():
     kinds = {kind["properties"]["type"]["enum"][0] for kind in messages.schema()["$defs"].values()}
-    assert kinds == {kind.__struct_config__.tag for kind in msgspec.inspect.type_info(messages.Any_).types
-                     for kind in [kind.cls]}  # fmt: skip
+    assert kinds == {kind.__struct_config__.tag for kind in DEEDS}
 
 
 def test_a_port_in_use_names_the_next_free_one():
@@ -336,8 +334,6 @@ def test_a_host_that_is_not_here_is_named():
 
 def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
     runs = live._asked[1]
-    from pathlib import Path
-
     fleet = Fleet(runs=Path(runs))
     assert set(fleet.names) == {"broken", "one", "greedy"}
     chosen = Fleet(str(Path(runs) / "one"), Path(runs))
