@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -106,7 +107,7 @@ class Scene:
         After the end of the episode it stays as it was.
         """
         canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
-        now = min(time / self.swim.dt, self.swim.steps)
+        now = float(min(time / self.swim.dt, self.swim.steps))
         position = _between(self.swim.unit_position, now)
         angle = _between(self.swim.unit_angle, now)
         self._draw_trail(canvas, now)
@@ -170,7 +171,7 @@ class Scene:
         return self.box.y + self.box.height - 3.5 * self.text_size
 
 
-def _between(values: np.ndarray, now: float) -> np.ndarray:
+def _between(values: np.ndarray, now: float) -> Any:
     """The values at a time between two steps."""
     first = min(int(now), len(values) - 1)
     last, part = min(first + 1, len(values) - 1), now - first
