@@ -12,7 +12,7 @@ demo: $(VENV)/.installed
 
 # Many tests compile the same programs: they share them.
 test: export JAX_COMPILATION_CACHE_DIR = $(CURDIR)/$(VENV)/compiled
-test: $(VENV)/.tested
+test: $(VENV)/.tested $(VENV)/.browser
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
@@ -37,3 +37,8 @@ $(VENV)/.tested: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) torch==2.13.0
 	$(PIP) --use-pep517 --editable '.[test]'
 	@touch $@ $(VENV)/.installed
+
+# Browser tests use the system's Chromium.
+$(VENV)/.browser: | $(BIN)/python
+	@command -v chromium >/dev/null || command -v chromium-browser >/dev/null || command -v google-chrome >/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null && { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends chromium fonts-dejavu-core >/dev/null; }; } || { echo "the browser tests need Chromium: install it (Debian: apt-get install chromium) and try again" >&2; exit 2; }
+	@touch $@

@@ -24,6 +24,8 @@ _PUBLIC = {
     "train": "salpchain.training.trainer",
     "resume": "salpchain.training.trainer",
     "evaluate": "salpchain.evaluation.evaluate",
+    "Trajectory": "salpchain.evaluation.trajectory",
+    "record": "salpchain.evaluation.recording",
     "InputError": "salpchain.errors",
 }
 

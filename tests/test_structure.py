@@ -13,6 +13,7 @@ ROOMS += ["cluster", "cli"]
 GROUND = {"errors", "files", "machine", "trees", "xla"}  # files at the bottom, importable by all
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "ray", "brax", "starlette"}
+OPTIONAL |= {"uvicorn", "websockets", "msgspec", "av", "playwright", "PIL"}
 
 
 def imports(path):

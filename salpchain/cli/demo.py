@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from salpchain.cli import train as train_command
 from salpchain.cli.options import Folder, Lengths, Whole, positive
@@ -77,12 +76,12 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
 
 def _draw(folder: Path) -> None:
     from salpchain.control.storage import load
-    from salpchain.evaluation.trials import record_swims
+    from salpchain.evaluation.recording import record
     from salpchain.report import figures, picture
 
     figures.learning_curves([folder / "run"], folder / "learning.png")
     figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
     policy = load(folder / "run")
-    swims: list[Any] = record_swims(policy, SWIM_LENGTHS, "scaled", SHOWN_SEED)
+    swims = record(policy, SWIM_LENGTHS, "scaled", SHOWN_SEED)
     picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")

@@ -21,6 +21,10 @@ COMMANDS = {
     "models": ("Models", "list the controllers and their parameter counts"),
     "bench": ("Bench", "measure the speed of physics and environment on this machine"),
     "reproduce": ("Reproduce", "repeat the paper: the whole study, its figures and a report"),
+    "rollout": ("Rollout", "record one episode, every body at every step"),
+    "video": ("Video", "draw swims as a video or a strip of moments"),
+    "replay": ("Replay", "write swims as one page to play in a browser"),
+    "live": ("Live", "steer a chain yourself in the browser, while it swims"),
     "demo": ("Demo", "train, test and draw in one go: what `make demo` runs"),
 }
 

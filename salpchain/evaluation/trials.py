@@ -1,7 +1,6 @@
 """Trials: one episode each, from starts that are the same for every controller."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -45,18 +44,6 @@ class Trial(eqx.Module):
     contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
 
 
-@dataclass(frozen=True)
-class Swim:
-    """An episode as recorded: what pictures and videos are drawn from."""
-
-    length: int
-    positions: Float[np.ndarray, "time unit 2"]  # m, of units, from the start to the end
-    angles: Float[np.ndarray, "time unit"]  # rad
-    target: Float[np.ndarray, "unit 2"]  # m
-    dt: float  # s between two times
-    success: bool
-
-
 def run_trials(
     controllers: Sequence[Controller],
     length: int,
@@ -82,7 +69,7 @@ def run_trials(
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
-    env = _domain(controllers, length, time_limit)
+    env = domain_for(controllers, length, time_limit)
     limit = step_limit(time_limit, length)
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
@@ -102,8 +89,13 @@ def _frame(policy: str, about: dict[str, Any], values: dict[str, Any]) -> pd.Dat
     return pd.DataFrame({"policy": policy, **about, **values})
 
 
-def _domain(controllers: Sequence[Controller], length: int, time_limit: str) -> SCLD:
-    """The domain with as many slots as the length needs, few different numbers in all."""
+def domain_for(controllers: Sequence[Controller], length: int, time_limit: str) -> SCLD:
+    """The domain with as many slots as the length needs, few different numbers in all.
+
+    Raises:
+        InputError: a length that a controller cannot serve, or controllers of different
+            observations or actions.
+    """
     cards = [controller.card for controller in controllers]
     for card in cards:
         card.check_serves(check_length(length))
@@ -291,62 +283,3 @@ def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
         "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
         "reachable": np.asarray(trials.reachable, np.float64),
     }
-
-
-def record_swims(
-    controller: Controller, lengths: Sequence[int], time_limit: str, seed: int, trial: int = 0
-) -> list[Swim]:
-    """One trial of each length, with the positions at every control step.
-
-    The starts are those of `run_trials`. A swim may end differently where it is chaotic: batches
-    of other sizes round differently.
-
-    Raises:
-        InputError: an impossible length or time limit, or a length that the controller cannot
-            serve.
-    """
-    for length in lengths:
-        controller.card.check_serves(check_length(length))
-    env = _domain([controller], max(lengths), time_limit)
-    keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
-    states, positions, angles = _record(env, controller, jnp.concatenate(keys), jnp.array(lengths))
-    ends = np.asarray(states.time) + 1
-    return [
-        Swim(
-            length=length,
-            positions=np.asarray(positions[: ends[i], i, :length]),
-            angles=np.asarray(angles[: ends[i], i, :length]),
-            target=np.asarray(states.target[i, :length]),
-            dt=float(env.physics.control_step),
-            success=bool(states.goal[i]),
-        )
-        for i, length in enumerate(lengths)
-    ]
-
-
-@eqx.filter_jit
-def _record(
-    env: SCLD, controller: Controller, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]
-) -> tuple[State, Array, Array]:
-    """Episodes from their resets: the last states, and positions and angles (time first) till then.
-
-    A chain stays as it is once its episode has ended.
-    """
-    states = jax.vmap(env.reset)(keys, lengths)
-    act, step = jax.vmap(controller.act), jax.vmap(env.step)
-
-    def keep(log: tuple[Array, Array], now: Array, states: State) -> tuple[Array, Array]:
-        units = states.chain.units
-        return log[0].at[now].set(units.position), log[1].at[now].set(units.angle)
-
-    def advance(carry: Any) -> Any:
-        states, now, log = carry
-        states = where(states.done, states, step(states, act(states)))
-        return states, now + 1, keep(log, now + 1, states)
-
-    batch, slots = states.thrust.shape
-    times = step_limit(env.config.time_limit, slots) + 1
-    log = jnp.zeros((times, batch, slots, 2)), jnp.zeros((times, batch, slots))
-    start = (states, jnp.int32(0), keep(log, jnp.int32(0), states))
-    states, _, log = jax.lax.while_loop(lambda carry: ~carry[0].done.all(), advance, start)
-    return states, *log

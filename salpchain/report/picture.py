@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from salpchain.errors import InputError
-from salpchain.evaluation.trials import Swim
+from salpchain.evaluation.trajectory import Trajectory
 from salpchain.files import write_bytes
 from salpchain.physics.chain import Physics
 
@@ -36,7 +36,7 @@ Points = Float[np.ndarray, "point 2"]
 class View:
     """A swim turned so that it leads to the right, and the rectangle (m) that holds it."""
 
-    swim: Swim
+    swim: Trajectory
     turn: Float[np.ndarray, "2 2"]
     low: Float[np.ndarray, "2"]
     size: Float[np.ndarray, "2"]
@@ -47,7 +47,7 @@ class View:
         return float(self.size[0] / self.size[1])
 
 
-def chains_picture(swims: Sequence[Swim], out: Path, rows: int | None = None) -> Path:
+def chains_picture(swims: Sequence[Trajectory], out: Path, rows: int | None = None) -> Path:
     """The swims as one PNG picture, each turned so that it leads to the right; returns its path.
 
     In each panel: the start pose in outline, the ways of the units, poses in between, the final
@@ -79,12 +79,12 @@ def chains_picture(swims: Sequence[Swim], out: Path, rows: int | None = None) ->
     return out.with_suffix(".png")
 
 
-def _view(swim: Swim) -> View:
+def _view(swim: Trajectory) -> View:
     """The swim turned by the bearing of its target, in a rectangle of moderate shape."""
-    away = swim.target.mean(axis=0) - swim.positions[0].mean(axis=0)
+    away = swim.target.mean(axis=0) - swim.unit_position[0].mean(axis=0)
     cos, sin = away / max(np.linalg.norm(away), 1e-9)
     turn = np.array([[cos, sin], [-sin, cos]])
-    points = np.concatenate([swim.positions.reshape(-1, 2), swim.target]) @ turn.T
+    points = np.concatenate([swim.unit_position.reshape(-1, 2), swim.target]) @ turn.T
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 + 0.03 * (high - low).max()
     size = high - low + 2 * margin
@@ -125,12 +125,12 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     panel.set_xlim(x, x + width)
     panel.set_ylim(y - FOOTER * scale, y + height + HEADER * scale)
     point = scale / 72
-    swim, turned = view.swim, view.swim.positions @ view.turn.T
+    swim, turned = view.swim, view.swim.unit_position @ view.turn.T
     angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
     _draw_target(panel, view.swim.target @ view.turn.T, point)
     _draw_ways(panel, turned)
     for time, strength in _moments(turned):
-        _draw_chain(panel, turned[time], swim.angles[time] + angle, strength, point)
+        _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point)
     _draw_words(panel, view, place, point)
 
 
@@ -209,10 +209,9 @@ def _draw_words(
 ) -> None:
     """Length, clock and closed fraction above the swim, and a scale bar in a corner."""
     swim, (_, _, width, height) = view.swim, place
-    apart = np.linalg.norm(swim.positions - swim.target, axis=-1).mean(axis=1)
-    time = (len(swim.positions) - 1) * swim.dt
-    clock = f"goal in {time:.0f} s" if swim.success else f"after {time:.0f} s"
-    words = f"{clock}, {100 * (1 - apart[-1] / apart[0]):.1f} % closed"
+    time = f"{swim.duration:.0f} s"
+    clock = f"goal in {time}" if swim.success else f"after {time}"
+    words = f"{clock}, {100 * swim.closed_fraction:.1f} % closed"
     left, text = 0.16 / width, {"transform": panel.transAxes, "va": "center", "zorder": 9}
     title = f"{swim.length} units"
     panel.text(left, 1 - 0.22 / height, title, color=INK, size=11, weight="bold", **text)

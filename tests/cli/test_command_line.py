@@ -101,6 +101,29 @@ BAD = [
     (["reproduce", "--out", "NEW", "--executor", "slurm"], "choose one of local, ray"),
     (["reproduce", "--out", "NEW", "--address", "head:6379"], "add --executor ray"),
     (["reproduce", "--out", "NEW", "--gpus", "1"], "add --executor ray"),
+    (["rollout"], "needs a run folder or a policy"),
+    (["rollout", "greedy"], "needs --out"),
+    (["rollout", "greedy", "--out", "NEW.npy"], "must end in .npz"),
+    (["rollout", "greedy", "--out", "NEW/x.npz"], "no such folder"),
+    (["rollout", "NEW", "--out", "NEW.npz"], "no such run folder or policy"),
+    (["rollout", "greedy", "--length", "4,8", "--out", "NEW.npz"], "whole number"),
+    (["rollout", "greedy", "--trial", "-1", "--out", "NEW.npz"], "--trial must be 0 or more"),
+    (["rollout", "x.npz", "--out", "NEW.npz"], "is recorded already"),
+    (["video"], "needs a run folder, a policy or a trajectory"),
+    (["video", "greedy", "--out", "NEW.avi"], "must end in .mp4 or .gif or .png"),
+    (["video", "greedy", "--size", "big", "--out", "NEW.gif"], "like 1280x720"),
+    (["video", "greedy", "--size", "3x3", "--out", "NEW.gif"], "even number of pixels"),
+    (["video", "greedy", "--speed", "fast", "--out", "NEW.gif"], "--speed must be a number"),
+    (["video", "NEW.npz", "--out", "NEW.gif"], "no such trajectory"),
+    (["video", "NEW", "--out", "NEW.gif"], "no such run folder or policy"),
+    (["replay"], "needs a run folder, a policy or a trajectory"),
+    (["replay", "greedy", "--out", "NEW.pdf"], "must end in .html"),
+    (["replay", "USED", "--out", "NEW.html"], "not a run folder with a policy"),
+    (["live", "NEW"], "no such run folder or policy"),
+    (["live", "USED"], "not a run folder with a policy"),
+    (["live", "USED/thesis.tex"], "not a salpchain policy"),
+    (["live", "--port", "70000"], "--port must be 0 to 65535"),
+    (["live", "--host", "no.such.host.invalid"], "no name or address of this machine"),
     (["reproduce", "--out", "USED"], "holds something else than a study"),
     (["reproduce", "--out", "USED/thesis.tex"], "is a file"),
 ]
@@ -209,6 +232,34 @@ def test_a_demo_asked_for_another_run_than_its_finished_one_is_refused(tmp_path,
     assert run(["demo", "--seed", "5", "--out", str(tmp_path / "demo")]) == 2
     assert "seed is 0 in the run, 5 was given" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "demo").iterdir()] == ["run"]
+
+
+def test_a_swim_is_recorded_once_and_shown_three_ways(tmp_path, capsys):
+    npz = tmp_path / "swim.npz"
+    assert run(["rollout", "greedy", "--length", "2", "--seed", "3", "--out", str(npz)]) == 0
+    assert "greedy, 2 units: goal" in capsys.readouterr().out
+    for words in (["video", "--size", "64x64", "--speed", "50"], ["replay"]):
+        out = tmp_path / f"{words[0]}{'.gif' if words[0] == 'video' else '.html'}"
+        assert run([words[0], str(npz), *words[1:], "--out", str(out)]) == 0
+        assert out.stat().st_size > 1000 and f"wrote {out}" in capsys.readouterr().out
+    other = tmp_path / "other.npz"
+    assert run(["rollout", "greedy", "--length", "2", "--seed", "4", "--out", str(other)]) == 0
+    clash = ["video", "--compare", str(npz), str(other), "--out", str(tmp_path / "no.gif")]
+    assert run(clash) == 2
+    assert "needs swims of the same episode" in capsys.readouterr().err
+    npz.write_bytes(npz.read_bytes()[:1000])
+    assert run(["replay", str(npz), "--out", str(tmp_path / "no.html")]) == 2
+    assert "cut short" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "swim.npz", "other.npz", "video.gif", "replay.html",
+    }  # fmt: skip
+
+
+def test_a_missing_extra_is_named():
+    code = "import sys; sys.modules['uvicorn'] = None; from salpchain.cli.main import run; "
+    code += "sys.exit(run(['live', '--port', '0']))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "pip install 'salpchain[live]'" in done.stderr
 
 
 def test_models_prints_the_papers_count(capsys):

@@ -12,7 +12,8 @@ from salpchain.control.greedy import Greedy
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
-from salpchain.evaluation.trials import _remember, play, record_swims, run_trials, start_keys
+from salpchain.evaluation.recording import record
+from salpchain.evaluation.trials import _remember, play, run_trials, start_keys
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -28,7 +29,7 @@ def idle():
     return run_trials([Constant(0.0)], LENGTH, TRIALS, "fixed", SEED)[0]
 
 
-ENV = module._domain([Greedy()], LENGTH, "fixed")
+ENV = module.domain_for([Greedy()], LENGTH, "fixed")
 
 
 def begun(num):
@@ -84,7 +85,7 @@ def test_greedy_thrusts_alike_in_either_action():
     thrusts = []
     for action in ACTION_SIZES:
         greedy = Greedy(action=action)
-        env = module._domain([greedy], LENGTH, "fixed")
+        env = module.domain_for([greedy], LENGTH, "fixed")
         actions = jax.vmap(greedy.act)(alone)
         assert actions.shape[-1] == ACTION_SIZES[action]
         thrusts.append(jax.vmap(env.thrust)(alone.chain, actions))
@@ -185,21 +186,21 @@ def test_impossible_trials_are_refused(trials, length, limit):
 
 def test_a_recorded_swim_goes_from_the_start_of_its_trial_to_its_end(greedy):
     number = int(np.flatnonzero(greedy.success)[0])
-    (swim,) = record_swims(Greedy(), [LENGTH], "fixed", SEED, number)
+    (swim,) = record(Greedy(), [LENGTH], "fixed", SEED, number)
     begin = begun(TRIALS).state
     first = begin.chain.units.position[number, 0, :LENGTH]
-    np.testing.assert_allclose(swim.positions[0], first, atol=1e-6)
+    np.testing.assert_allclose(swim.unit_position[0], first, atol=1e-6)
     np.testing.assert_allclose(swim.target, begin.target[number, 0, :LENGTH], atol=1e-6)
-    assert swim.positions.shape == (len(swim.angles), LENGTH, 2)
-    assert np.abs(np.diff(swim.positions, axis=0)).max() < 0.1
+    assert swim.unit_position.shape == (len(swim.unit_angle), LENGTH, 2)
+    assert np.abs(np.diff(swim.unit_position, axis=0)).max() < 0.1
     if swim.success:
-        assert np.linalg.norm(swim.positions[-1] - swim.target, axis=-1).mean() <= 0.0513
+        assert np.linalg.norm(swim.unit_position[-1] - swim.target, axis=-1).mean() <= 0.0513
 
 
 def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
-    together = record_swims(Greedy(), [3, 6], "fixed", SEED)
+    together = record(Greedy(), [3, 6], "fixed", SEED)
     for swim in together:
-        (alone,) = record_swims(Greedy(), [swim.length], "fixed", SEED)
+        (alone,) = record(Greedy(), [swim.length], "fixed", SEED)
         # not longer: joints that switch on and off make millimetres of the last digit in a second
-        np.testing.assert_allclose(swim.positions[:8], alone.positions[:8], atol=1e-3)
+        np.testing.assert_allclose(swim.unit_position[:8], alone.positions[:8], atol=1e-3)
         np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)

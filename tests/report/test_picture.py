@@ -3,19 +3,9 @@ import numpy as np
 import pytest
 
 from salpchain.errors import InputError
-from salpchain.evaluation.trials import Swim
 from salpchain.report import picture as module
 from salpchain.report.picture import chains_picture
-
-
-def swim(length, bearing=0.4, times=40):
-    """A chain that glides sideways to its target without turning."""
-    rest = 0.07 * np.arange(length)[:, None] * np.array([-np.sin(bearing), np.cos(bearing)])
-    way = np.linspace(0, 0.2 * length, times)[:, None, None]
-    positions = rest + way * np.array([np.cos(bearing), np.sin(bearing)])
-    angles = np.full((times, length), bearing + np.pi / 2)
-    target = positions[-1] + 0.01 * np.array([np.cos(bearing), np.sin(bearing)])
-    return Swim(length, positions, angles, target, 0.1, True)
+from tests.report.swims import made, swim
 
 
 def test_a_picture_of_several_lengths_shows_water_and_every_colour_of_the_chain(tmp_path):
@@ -32,7 +22,7 @@ def test_a_picture_of_several_lengths_shows_water_and_every_colour_of_the_chain(
 def test_every_swim_leads_to_the_right_within_its_rectangle(bearing):
     one = swim(6, bearing)
     view = module._view(one)
-    points = one.positions @ view.turn.T
+    points = one.unit_position @ view.turn.T
     assert np.allclose(view.turn @ view.turn.T, np.eye(2))
     assert points[-1, :, 0].mean() > points[0, :, 0].mean()
     assert np.allclose(points[-1, :, 1].mean(), points[0, :, 1].mean(), atol=0.01)
@@ -62,14 +52,14 @@ def test_scale_bars_have_round_lengths(given, bar):
 
 
 def test_poses_shown_are_equal_parts_of_the_way():
-    still_first = np.concatenate([np.zeros((30, 2, 2)), swim(2).positions])
+    still_first = np.concatenate([np.zeros((30, 2, 2)), swim(2).unit_position])
     times = [time for time, _ in module._moments(still_first)]
     assert times[0] == 0 and times[-1] == len(still_first) - 1
     np.testing.assert_allclose(np.diff(times[1:]), np.diff(times[1:]).mean(), atol=1)
 
 
 def test_a_chain_that_never_moved_can_be_drawn(tmp_path):
-    still = Swim(2, np.zeros((1, 2, 2)), np.zeros((1, 2)), np.ones((2, 2)), 0.1, False)
+    still = made(np.zeros((1, 2, 2)), np.zeros((1, 2)), np.ones((2, 2)), success=False)
     assert chains_picture([still], tmp_path / "x").stat().st_size > 5_000
 
 

@@ -1,0 +1,85 @@
+"""`salpchain live`."""
+
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from salpchain.cli.options import Folder, Whole, number, text_option
+from salpchain.domain.config import check_seed
+from salpchain.errors import InputError
+from salpchain.files import read_arrays
+from salpchain.web.released import released
+
+POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+@dataclass(frozen=True)
+class Live:
+    """Steer a chain yourself in the browser, while it swims.
+
+    Drag the target, draw one by hand, change the length, cut links, push units, switch policies:
+    the page says how. Only this machine can open it unless you give another --host. Needs the
+    extra `live`: pip install 'salpchain[live]'.
+
+    Example: salpchain live runs/eight
+    """
+
+    policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
+    """A run folder, a policy.safetensors, or greedy. Default: the newest that is found, or greedy.
+    """
+    port: Whole = "8000"
+    """Where the page is; 0 takes any free port."""
+    host: Annotated[str, text_option("ADDRESS")] = "127.0.0.1"
+    """Address to listen on; 0.0.0.0 lets other machines in, without any password."""
+    runs: Folder = "runs"
+    """Folder whose runs the page offers; it may be missing."""
+    seed: Whole = "0"
+    """Of the random targets."""
+
+
+def run(options: Live) -> None:
+    """Serves the page until interrupted."""
+    port, seed = number("port", options.port), check_seed(number("seed", options.seed))
+    if not 0 <= port < 65536:
+        raise InputError(f"--port must be 0 to 65535, got {port}")
+    _check_policy(options.policy)
+    try:
+        from salpchain.web import server
+    except ImportError as error:
+        raise InputError(
+            f"the live page needs {error.name}: pip install 'salpchain[live]'"
+        ) from None
+    bound = server.listen(options.host, port)
+    with bound:
+        _say_where(options.host, bound.getsockname()[1])
+        live = server.Live(options.policy, options.runs, seed)
+        server.serve(live, frozenset(_names(options.host)), bound)
+
+
+def _check_policy(policy: str) -> None:
+    """Nothing, if there is such a policy; before the port is taken and JAX imported."""
+    if not policy or policy == "greedy" or policy in released():
+        return
+    path = Path(policy)
+    if not path.exists():
+        raise InputError(f"no such run folder or policy: {policy} (a path, or greedy)")
+    if path.is_dir() and not (path / POLICY_FILE).exists():
+        raise InputError(f"{policy} is not a run folder with a policy: it has no {POLICY_FILE}")
+    read_arrays(path / POLICY_FILE if path.is_dir() else path, "policy", 1)
+
+
+def _say_where(host: str, port: int) -> None:
+    shown = "127.0.0.1" if host in ("0.0.0.0", "::", *LOOPBACK) else host
+    shown = f"[{shown}]" if ":" in shown else shown
+    print(f"salpchain live: open http://{shown}:{port} in a browser (Ctrl-C ends)", flush=True)
+    if host not in LOOPBACK:
+        print("  other machines can open it too, without a password", flush=True)
+
+
+def _names(host: str) -> set[str]:
+    """Host names under which the page may be opened."""
+    return {host.lower()} if host in LOOPBACK else {host.lower(), socket.gethostname().lower()}

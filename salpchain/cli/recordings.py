@@ -1,0 +1,85 @@
+"""What the commands that show swims read: policies to be recorded, or recorded trajectories."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from salpchain.cli.evaluate import controller_of
+from salpchain.cli.options import number, text_option
+from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
+from salpchain.errors import InputError
+from salpchain.evaluation.config import parse_lengths
+
+if TYPE_CHECKING:
+    from salpchain.evaluation.trajectory import Trajectory
+
+Limit = Annotated[str, text_option("fixed|scaled")]
+Decimal = Annotated[str, text_option("NUMBER")]
+
+
+def trajectories(
+    sources: Sequence[str], lengths: str, seed: str, trial: str, time_limit: str
+) -> list["Trajectory"]:
+    """For each source its swims: a recorded one (`.npz`), or one trial of each length.
+
+    All that is asked for is checked before any work starts.
+
+    Raises:
+        InputError: no such policy or trajectory, or a length, seed, trial or limit that cannot be.
+    """
+    wanted = parse_lengths(lengths)
+    start = check_seed(number("seed", seed))
+    which = number("trial", trial)
+    if which < 0:
+        raise InputError(f"--trial must be 0 or more, got {which}")
+    one_of("time limit", time_limit, TIME_LIMITS)
+    from salpchain.evaluation.trajectory import Trajectory
+
+    files = {s: Trajectory.load(Path(s)) for s in sources if s.endswith(".npz")}
+    controllers = {s: controller_of(s) for s in sources if s not in files}
+    for controller in controllers.values():
+        for length in wanted:
+            controller.card.check_serves(length)
+    swims: list[Trajectory] = []
+    for source in sources:
+        if source in files:
+            swims.append(files[source])
+            continue
+        from salpchain.evaluation.recording import record
+        from salpchain.training.devices import use_devices
+
+        use_devices()
+        swims += record(controllers[source], wanted, time_limit, start, which)
+    return swims
+
+
+def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:
+    """The path of a file to be written.
+
+    Raises:
+        InputError: none was given, it has another suffix, or its folder is missing.
+    """
+    if not out:
+        raise InputError(f"salpchain {command} needs --out, a file that ends in {suffixes[0]}")
+    path = Path(out)
+    if path.suffix.lower() not in suffixes:
+        raise InputError(f"--out must end in {' or '.join(suffixes)}, got {out}")
+    if not path.parent.is_dir():
+        raise InputError(f"no such folder for --out: {path.parent}")
+    if path.is_dir():
+        raise InputError(f"--out is a folder, not a file: {path}")
+    return path
+
+
+def decimal(name: str, text: str) -> float | None:
+    """The number that an option holds; None where it was left out.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--{name} must be a number, got {text!r}") from None

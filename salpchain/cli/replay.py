@@ -1,0 +1,46 @@
+"""`salpchain replay`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from salpchain.cli.options import Lengths, Whole, text_option
+from salpchain.cli.recordings import Limit, check_out, trajectories
+from salpchain.cli.video import sources_of
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Write swims as one HTML file to play, scrub and zoom in a browser; it needs no network.
+
+    Takes policies, which swim first, or trajectories from salpchain rollout; several are shown
+    side by side.
+
+    Example: salpchain replay runs/eight --length 24 --out swim.html
+    Example: salpchain replay runs/eight greedy --length 16 --out both.html
+    """
+
+    sources: tyro.conf.Positional[Annotated[tuple[str, ...], text_option("POLICY_OR_FILE")]] = ()
+    """Run folders, policies, greedy, or trajectories (.npz)."""
+    out: Annotated[str, text_option("FILE.html")] = ""
+    """The page to write."""
+    length: Lengths = "8"
+    """Units of the chain; several lengths swim side by side."""
+    seed: Whole = "0"
+    """Seed of the starts."""
+    trial: Whole = "0"
+    """Number of the start among those of the seed."""
+    time_limit: Limit = "fixed"
+    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+
+
+def run(options: Replay) -> None:
+    """Swims where it must, writes the page, and says so."""
+    sources = sources_of("", options.sources, "replay")
+    out = check_out(options.out, (".html",), "replay")
+    swims = trajectories(sources, options.length, options.seed, options.trial, options.time_limit)
+    from salpchain.report.replay import write_replay
+
+    write_replay(swims, out)
+    print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): open it in a browser")

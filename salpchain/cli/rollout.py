@@ -1,0 +1,52 @@
+"""`salpchain rollout`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from salpchain.cli.options import Whole, number, text_option
+from salpchain.cli.recordings import Limit, check_out, trajectories
+from salpchain.domain.config import check_length
+from salpchain.errors import InputError
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Record one episode: every body, thrust and reward at every control step, as one .npz.
+
+    The start is that of the same trial in salpchain evaluate. `salpchain.Trajectory.load` reads the
+    file, and salpchain video and salpchain replay show it; `numpy.load` reads it too.
+
+    Example: salpchain rollout runs/eight --length 24 --seed 3 --out swim.npz
+    """
+
+    policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
+    """A run folder, a policy.safetensors, or greedy."""
+    length: Whole = "8"
+    """Units of the chain."""
+    seed: Whole = "0"
+    """Seed of the starts."""
+    trial: Whole = "0"
+    """Number of the start among those of the seed."""
+    time_limit: Limit = "fixed"
+    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    out: Annotated[str, text_option("FILE.npz")] = ""
+    """The file to write."""
+
+
+def run(options: Rollout) -> None:
+    """Records, saves, and says how it ended."""
+    if not options.policy:
+        raise InputError("salpchain rollout needs a run folder or a policy, e.g. runs/eight")
+    out = check_out(options.out, (".npz",), "rollout")
+    if options.policy.endswith(".npz"):
+        raise InputError(f"{options.policy} is recorded already: give a policy")
+    length = str(check_length(number("length", options.length)))
+    asked = length, options.seed, options.trial, options.time_limit
+    (swim,) = trajectories([options.policy], *asked)
+    swim.save(out)
+    end = "goal reached" if swim.success else "goal not reached"
+    closed = f"{100 * swim.closed_fraction:.1f} % closed"
+    print(f"{swim.policy}, {swim.length} units: {end} after {swim.duration:.1f} s, {closed}")
+    print(f"wrote {out}")

@@ -1,0 +1,102 @@
+"""`salpchain video`."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from salpchain.cli.options import Lengths, Whole, text_option
+from salpchain.cli.recordings import Decimal, Limit, check_out, decimal, trajectories
+from salpchain.errors import InputError
+
+SUFFIXES = (".mp4", ".gif", ".png")
+GRID = "4,8,16,32,64"
+
+
+@dataclass(frozen=True)
+class Video:
+    """Draw a swim as a video (.mp4, .gif) or as a strip of moments (.png).
+
+    Takes policies, which swim first, or trajectories from salpchain rollout. An .mp4 needs
+    the extra `video`: pip install 'salpchain[video]'.
+
+    Example: salpchain video runs/eight --length 24 --out swim.mp4
+    Example: salpchain video --compare runs/eight greedy --length 16 --out both.gif
+    Example: salpchain video runs/eight --grid --time-limit scaled --out lengths.mp4
+    """
+
+    source: tyro.conf.Positional[Annotated[str, text_option("POLICY_OR_TRAJECTORY")]] = ""
+    """A run folder, a policy.safetensors, greedy, or a trajectory.npz."""
+    out: Annotated[str, text_option("FILE.mp4|gif|png")] = ""
+    """The file to write; its suffix chooses the form."""
+    length: Lengths = "8"
+    """Units of the chain; several lengths swim side by side."""
+    seed: Whole = "0"
+    """Seed of the starts."""
+    trial: Whole = "0"
+    """Number of the start among those of the seed."""
+    time_limit: Limit = "fixed"
+    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    compare: Annotated[tuple[str, ...], text_option("A B")] = ()
+    """Two or more policies or trajectories, side by side on the same episode."""
+    grid: bool = False
+    """Lengths 4, 8, 16, 32 and 64 at once."""
+    size: Annotated[str, text_option("WIDTHxHEIGHT")] = ""
+    """In pixels. Default: 1280x720; 640x360 for a .gif; 480x480 for each moment of a strip."""
+    speed: Decimal = ""
+    """Seconds of swimming in each second of video. Default: 2; 4 for a .gif."""
+    rate: Decimal = ""
+    """Frames in each second of video. Default: 30; 15 for a .gif."""
+
+
+def run(options: Video) -> None:
+    """Swims where it must, draws, and says what was written."""
+    sources = sources_of(options.source, options.compare, "video")
+    out = check_out(options.out, SUFFIXES, "video")
+    width, height = _size(options.size)
+    from salpchain.report.video import with_defaults, write_video
+
+    speed, rate = decimal("speed", options.speed), decimal("rate", options.rate)
+    film = with_defaults(out, width=width, height=height, speed=speed, rate=rate)
+    lengths = GRID if options.grid else options.length
+    swims = trajectories(sources, lengths, options.seed, options.trial, options.time_limit)
+    if options.compare:
+        _check_same_episode(swims)
+    from salpchain.cli.display import share_display
+
+    with share_display("drawing") as watch:
+        write_video(swims, out, film, progress=lambda share: watch(share, out.name))
+    print(f"wrote {out}")
+
+
+def sources_of(source: str, more: tuple[str, ...], command: str) -> list[str]:
+    """All sources that a command was given.
+
+    Raises:
+        InputError: none.
+    """
+    sources = [name for name in (source, *more) if name]
+    if not sources:
+        raise InputError(
+            f"salpchain {command} needs a run folder, a policy or a trajectory, e.g. runs/eight"
+        )
+    return sources
+
+
+def _size(text: str) -> tuple[int | None, int | None]:
+    if not text:
+        return None, None
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isdigit() for part in parts):
+        raise InputError(f"--size must be like 1280x720, got {text!r}")
+    return int(parts[0]), int(parts[1])
+
+
+def _check_same_episode(swims: list) -> None:
+    starts = {(swim.length, tuple(swim.target.ravel().round(4).tolist())) for swim in swims}
+    lengths = {swim.length for swim in swims}
+    if len(starts) > len(lengths) or any(
+        sum(swim.length == length for swim in swims) * len(lengths) != len(swims)
+        for length in lengths
+    ):
+        raise InputError("--compare needs swims of the same episode, got different targets")

@@ -1,0 +1,122 @@
+"""Episodes recorded whole: the trials of an evaluation, with every body at every step."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+
+from salpchain.control.policy import Controller, act, begin
+from salpchain.domain.config import check_length, check_seed
+from salpchain.domain.scld import SCLD, State
+from salpchain.errors import InputError
+from salpchain.evaluation.trajectory import Trajectory
+from salpchain.evaluation.trials import domain_for, start_keys
+from salpchain.physics.batching import where
+from salpchain.physics.chain import Bodies
+
+AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
+
+
+class Frame(NamedTuple):
+    """What is kept of one control step."""
+
+    units: Bodies
+    links: Bodies
+    thrust: Float[Array, "*chain unit"]
+    reward: Float[Array, "*chain"]
+
+
+def record(
+    controller: Controller,
+    lengths: Sequence[int],
+    time_limit: str = "fixed",
+    seed: int = 0,
+    trial: int = 0,
+) -> list[Trajectory]:
+    """The trajectory of one trial of each length, all recorded together.
+
+    The starts are those of `run_trials`. A swim may end differently where it is chaotic: batches
+    of other sizes round differently.
+
+    Raises:
+        InputError: an impossible length, seed, trial or time limit, or a length that the
+            controller cannot serve.
+    """
+    for length in lengths:
+        controller.card.check_serves(check_length(length))
+    check_seed(seed)
+    if not 0 <= trial < 2**31:
+        raise InputError(f"trial must be 0 or more, got {trial}")
+    env = domain_for([controller], max(lengths), time_limit)
+    keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
+    start = _begin(env, jnp.concatenate(keys), jnp.array(lengths))
+    states, frames = _play_out(env, controller, start)
+    about = {"policy": controller.card.name, "seed": seed, "trial": trial}
+    return [
+        Trajectory(
+            **about,
+            time_limit=time_limit,
+            dt=float(env.physics.control_step),
+            success=bool(states.goal[i]),
+            target=np.asarray(states.target[i, :length]),
+            **_fields(frames, i, length, int(states.time[i])),
+        )
+        for i, length in enumerate(lengths)
+    ]
+
+
+def _play_out(env: SCLD, controller: Controller, states: State) -> tuple[State, Frame]:
+    """The last states, and all frames (time, chain, ...) from the start on."""
+    frames = [jax.tree.map(lambda x: np.asarray(x)[None], _frame(states))]
+    memory = jax.vmap(lambda state: begin(controller, state))(states)
+    while not bool(states.done.all()):
+        states, memory, more = _play(env, controller, states, memory)
+        frames.append(jax.tree.map(np.asarray, more))
+    return states, jax.tree.map(lambda *parts: np.concatenate(parts), *frames)
+
+
+@eqx.filter_jit
+def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> State:
+    return jax.vmap(env.reset)(keys, lengths)
+
+
+@eqx.filter_jit
+def _play(
+    env: SCLD, controller: Controller, states: State, memory: Any
+) -> tuple[State, Any, Frame]:
+    """Some steps on; a chain stays as it is once its episode has ended."""
+
+    def advance(now: tuple[State, Any], _: None) -> tuple[tuple[State, Any], Frame]:
+        states, memory = now
+        action, memory = jax.vmap(lambda state, own: act(controller, state, own))(states, memory)
+        states = where(states.done, states, jax.vmap(env.step)(states, action))
+        return (states, memory), _frame(states)
+
+    (states, memory), frames = jax.lax.scan(advance, (states, memory), None, length=AT_ONCE)
+    return states, memory, frames
+
+
+def _frame(states: State) -> Frame:
+    return Frame(states.chain.units, states.chain.links, states.thrust, states.reward)
+
+
+def _fields(frames: Frame, chain: int, length: int, steps: int) -> dict[str, Any]:
+    """The arrays of one trajectory."""
+
+    def bodies(name: str, kept: Bodies, count: int) -> dict[str, Any]:
+        return {
+            f"{name}_{part}": np.asarray(getattr(kept, part))[: steps + 1, chain, :count]
+            for part in ("position", "angle", "velocity", "angular_velocity")
+        }
+
+    return {
+        "length": length,
+        **bodies("unit", frames.units, length),
+        **bodies("link", frames.links, length - 1),
+        "thrust": np.asarray(frames.thrust)[1 : steps + 1, chain, :length],
+        "reward": np.asarray(frames.reward)[1 : steps + 1, chain],
+    }

@@ -1,0 +1,205 @@
+"""Trajectories: what pictures, videos and pages are drawn from, and their files."""
+
+import io
+import zipfile
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from salpchain.domain.config import TIME_LIMITS, check_length, check_seed, one_of
+from salpchain.errors import InputError
+from salpchain.files import write_bytes
+
+FORMAT = 1
+LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
+
+Points = np.ndarray  # (time, body, 2)
+Angles = np.ndarray  # (time, body)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One episode as it was: every body at every control step, and what was done in between.
+
+    Shapes are checked when it is made, as a file may hold anything. Time runs from the start to
+    the end, both counted; what a step has (thrust, reward) is one fewer: entry k holds from time
+    k to time k + 1.
+
+    Raises:
+        InputError: a field of another shape or kind than stated, or a number that cannot be.
+    """
+
+    policy: str  # name of the controller
+    seed: int  # of the starts
+    trial: int  # number of the start among those of the seed
+    time_limit: str  # fixed or scaled
+    length: int  # units
+    dt: float  # s between two times
+    success: bool  # whether the goal was reached
+    unit_position: Points  # m
+    unit_angle: Angles  # rad, not wrapped
+    unit_velocity: Points  # m/s
+    unit_angular_velocity: Angles  # rad/s
+    link_position: Points  # m
+    link_angle: Angles  # rad, not wrapped
+    link_velocity: Points  # m/s
+    link_angular_velocity: Angles  # rad/s
+    thrust: np.ndarray  # (step, unit) N
+    reward: np.ndarray  # (step,) the task's, unshaped
+    target: np.ndarray  # (unit, 2) m
+
+    def __post_init__(self) -> None:
+        check_length(self.length)
+        check_seed(self.seed)
+        one_of("time limit", self.time_limit, TIME_LIMITS)
+        if self.trial < 0:
+            raise InputError(f"trial must be 0 or more, got {self.trial}")
+        if not 0 < self.dt < 1e3:
+            raise InputError(f"dt must be positive (s), got {self.dt}")
+        times = len(np.atleast_1d(self.unit_position))
+        if times < 1:
+            raise InputError("unit_position has no time: it must hold at least the start")
+        for name, shape in _shapes(times, self.length).items():
+            _check_array(name, getattr(self, name), shape)
+
+    @property
+    def steps(self) -> int:
+        """Control steps of the episode."""
+        return len(self.unit_position) - 1
+
+    @property
+    def duration(self) -> float:
+        """Of the episode (s)."""
+        return self.steps * self.dt
+
+    @cached_property
+    def distance(self) -> Float[np.ndarray, " time"]:
+        """Mean distance (m) of the units to their target points."""
+        return np.linalg.norm(self.unit_position - self.target, axis=-1).mean(axis=1)
+
+    @cached_property
+    def centroid(self) -> Float[np.ndarray, "time 2"]:
+        """Of the units (m)."""
+        return self.unit_position.mean(axis=1)
+
+    @property
+    def closed_fraction(self) -> float:
+        """1 - mean distance at the end / mean distance at the start."""
+        return float(1 - self.distance[-1] / max(self.distance[0], 1e-9))
+
+    def save(self, path: Path) -> None:
+        """The trajectory as one compressed `.npz`, atomically; data only, never code.
+
+        Raises:
+            OSError: the folder is missing or not writable, or the disk is full.
+        """
+        named: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        content = io.BytesIO()
+        np.savez_compressed(content, format=np.asarray(FORMAT), **named)
+        write_bytes(path, content.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> "Trajectory":
+        """The trajectory in a file, every field checked.
+
+        Raises:
+            InputError: no such file; not a trajectory; cut short; a field that is missing, of
+                another shape or kind, or not finite; or from a newer version.
+        """
+        named = _read(Path(path))
+        try:
+            return cls(**{field.name: _plain(named, field.name, path) for field in fields(cls)})
+        except InputError as error:
+            said = str(error)
+            raise InputError(said if str(path) in said else f"{path}: {said}") from None
+
+
+def _shapes(times: int, length: int) -> dict[str, tuple[int, ...]]:
+    """Of every array."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    for body, count in (("unit", length), ("link", length - 1)):
+        shapes |= {
+            f"{body}_position": (times, count, 2),
+            f"{body}_angle": (times, count),
+            f"{body}_velocity": (times, count, 2),
+            f"{body}_angular_velocity": (times, count),
+        }
+    return shapes | {
+        "thrust": (times - 1, length),
+        "reward": (times - 1,),
+        "target": (length, 2),
+    }
+
+
+def _check_array(name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
+    if array.dtype.kind != "f" or array.shape != shape:
+        raise InputError(
+            f"{name} has shape {array.shape} and type {array.dtype}, expected {shape} of floats"
+        )
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds numbers that are not finite")
+
+
+_SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
+    "policy": ("U", str),
+    "seed": ("iu", int),
+    "trial": ("iu", int),
+    "time_limit": ("U", str),
+    "length": ("iu", int),
+    "dt": ("f", float),
+    "success": ("b", bool),
+}
+
+
+def _plain(named: dict[str, np.ndarray], name: str, path: Path) -> Any:
+    """A field as the record has it: arrays as they are, the others as plain values."""
+    if name not in named:
+        raise InputError(f"{path} is not a whole trajectory: the field {name} is missing")
+    array = named[name]
+    if name not in _SCALARS:
+        return array
+    kinds, make = _SCALARS[name]
+    if array.ndim or array.dtype.kind not in kinds:
+        raise InputError(f"{path}: {name} must be one value, got {array.dtype} {array.shape}")
+    return make(array[()])
+
+
+_DAMAGE = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, KeyError, OSError, RuntimeError)
+
+
+def _read(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file, without pickle."""
+    if not path.is_file():
+        raise InputError(f"no such trajectory: {path}")
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(entry.file_size for entry in archive.infolist())
+        if size > LARGEST:
+            raise InputError(f"{path} unpacks to {size:,} bytes, more than any trajectory")
+        with np.load(path, allow_pickle=False) as file:
+            named = {name: file[name] for name in file.files}
+    except InputError:
+        raise
+    except PermissionError:
+        raise
+    except _DAMAGE as error:
+        raise InputError(f"{path} is not a trajectory, or is cut short ({error})") from None
+    return _of_our_format(named, path)
+
+
+def _of_our_format(named: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+    version = named.pop("format", None)
+    if version is None or version.ndim or version.dtype.kind not in "iu":
+        raise InputError(f"{path} is not a salpchain trajectory: it does not state its format")
+    if version > FORMAT:
+        raise InputError(
+            f"{path} was written by a newer salpchain (format {version}, this one reads up to"
+            f" {FORMAT}): upgrade salpchain"
+        )
+    return named

@@ -1,0 +1,247 @@
+// Plays the trajectories that this page holds.
+"use strict";
+(() => {
+  const get = (id) => document.getElementById(id);
+  const SPEEDS = [...get("speed").options].map((option) => +option.value);
+  const LINES = ["#22a7d6", "#f08c2e", "#d6589f", "#4caf50", "#8e7cf0", "#b5a32a"];
+
+  function bytes(text) {
+    return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  }
+
+  // Numbers as they were before they were packed into 16 and 8 bits.
+  function unpack(packed) {
+    const position = new Int16Array(bytes(packed.position));
+    const angle = new Int16Array(bytes(packed.angle)), thrust = new Int8Array(bytes(packed.thrust));
+    const n = packed.length, times = packed.steps + 1;
+    const swim = { ...packed, times, distance: new Float32Array(bytes(packed.distance)) };
+    swim.x = (t, i) => packed.middle[0] + position[2 * (t * n + i)] * packed.grain;
+    swim.y = (t, i) => packed.middle[1] + position[2 * (t * n + i) + 1] * packed.grain;
+    swim.angle = (t, i) => angle[t * n + i] * Math.PI / 32767;
+    swim.thrust = (t, i) => (t < packed.steps ? thrust[t * n + i] / 127 : 0);
+    swim.centroid = Array.from({ length: times }, (_, t) => {
+      let [x, y] = [0, 0];
+      for (let i = 0; i < n; i++) { x += swim.x(t, i) / n; y += swim.y(t, i) / n; }
+      return [x, y];
+    });
+    swim.effort = Float32Array.from({ length: packed.steps }, (_, t) => {
+      let sum = 0;
+      for (let i = 0; i < n; i++) sum += Math.abs(swim.thrust(t, i));
+      return sum / n;
+    });
+    swim.camera = new Salp.Camera();
+    return swim;
+  }
+
+  const swims = JSON.parse(get("data").textContent).swims.map(unpack);
+  const together = swims.every((s) => JSON.stringify(s.target) === JSON.stringify(swims[0].target));
+  const end = Math.max(...swims.map((s) => s.steps * s.dt), 1e-9);
+  const state = { time: 0, playing: false, speed: 2, touched: false };
+  const water = get("water"), curves = get("curves");
+
+  function name(swim) { return `${swim.policy}, ${swim.length} units`; }
+
+  function words() {
+    get("title").textContent = swims.length === 1 ? name(swims[0]) : `${swims.length} swims`;
+    const one = swims[0];
+    const end = one.success ? `reached its target in ${(one.steps * one.dt).toFixed(1)} s`
+      : `did not reach its target in ${(one.steps * one.dt).toFixed(1)} s`;
+    get("about").textContent = swims.length === 1 ? `${end}; seed ${one.seed}, trial ${one.trial}`
+      : together ? "the same episode, side by side" : "side by side";
+    document.title = `${get("title").textContent} - salpchain`;
+  }
+
+  // All points that a swim comes to, few of them.
+  function reach(swim) {
+    const points = [...swim.target];
+    const stride = Math.max(1, Math.floor(swim.times / 60));
+    for (let t = 0; t < swim.times; t += stride) {
+      for (let i = 0; i < swim.length; i++) points.push([swim.x(t, i), swim.y(t, i)]);
+    }
+    return points;
+  }
+
+  function fit() {
+    const points = swims.map(reach);
+    swims.forEach((swim, k) => swim.camera.fit(together ? points.flat() : points[k]));
+    state.touched = false;
+  }
+
+  function layout() {
+    const { clientWidth: width, clientHeight: height } = water, count = swims.length;
+    const columns = Math.max(1, Math.min(count, Math.round(Math.sqrt(count * width / height))));
+    const lines = Math.ceil(count / columns);
+    swims.forEach((swim, k) => {
+      const here = Math.min(columns, count - Math.floor(k / columns) * columns);
+      const wide = width / here, high = height / lines;
+      swim.camera.box = [(k % columns) * wide, Math.floor(k / columns) * high, wide, high];
+    });
+    if (!state.touched) fit();
+  }
+
+  function cameraAt(x, y) {
+    const inside = ({ camera: { box: [l, t, w, h] } }) => x >= l && x < l + w && y >= t && y < t + h;
+    return (swims.find(inside) || swims[0]).camera;
+  }
+
+  function share(camera) {
+    state.touched = true;
+    if (together) for (const { camera: other } of swims) {
+      [other.x, other.y, other.scale] = [camera.x, camera.y, camera.scale];
+    }
+  }
+
+  function unitsAt(swim, now) {
+    const first = Math.min(Math.floor(now), swim.steps), last = Math.min(first + 1, swim.steps);
+    const part = now - first, units = [];
+    for (let i = 0; i < swim.length; i++) {
+      units.push({
+        x: Salp.between(swim.x(first, i), swim.x(last, i), part),
+        y: Salp.between(swim.y(first, i), swim.y(last, i), part),
+        angle: Salp.betweenAngles(swim.angle(first, i), swim.angle(last, i), part),
+        thrust: swim.thrust(first, i), place: i / (swim.length - 1),
+      });
+    }
+    return units;
+  }
+
+  function drawSwim(ctx, swim) {
+    const { camera } = swim, now = Math.min(state.time / swim.dt, swim.steps);
+    const units = unitsAt(swim, now), [left, top, width, height] = camera.box;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    Salp.water(ctx, camera, state.time);
+    Salp.trail(ctx, camera, swim.centroid.slice(0, Math.floor(now) + 1));
+    Salp.strings(ctx, camera, swim.target, units);
+    Salp.ghosts(ctx, camera, swim.target, units);
+    Salp.chain(ctx, camera, units, state.time);
+    Salp.scaleBar(ctx, camera);
+    const done = swim.success && now >= swim.steps, look = Salp.theme();
+    ctx.font = "600 15px system-ui, sans-serif";
+    ctx.fillStyle = look.ink;
+    if (swims.length > 1) ctx.fillText(name(swim), left + 14, top + 24);
+    ctx.font = "14px system-ui, sans-serif";
+    ctx.fillStyle = done ? look.done : look.faint;
+    const apart = `${(100 * swim.distance[Math.floor(now)]).toFixed(1)} cm to the target`;
+    ctx.fillText(apart + (done ? ", reached" : ""), left + 14, top + (swims.length > 1 ? 44 : 24));
+    ctx.restore();
+  }
+
+  function drawCurve(ctx, values, most, box, colour, dt) {
+    const [left, top, width, height] = box;
+    ctx.beginPath();
+    values.forEach((value, t) => {
+      const x = left + (t * dt / end) * width, y = top + height * (1 - value / most);
+      if (t) ctx.lineTo(x, y); else ctx.moveTo(x, y);
+    });
+    Salp.stroke(ctx, colour, 1.8);
+  }
+
+  function drawCurves() {
+    const ctx = curves.getContext("2d"), { clientWidth: width, clientHeight: height } = curves;
+    const style = getComputedStyle(document.body), ink = style.getPropertyValue("--ink");
+    const most = Math.max(...swims.map((s) => Math.max(...s.distance)), 1e-6);
+    const half = (height - 14) / 2;
+    const boxes = [[16, 6, width - 32, half - 6], [16, half + 12, width - 32, half - 6]];
+    ctx.clearRect(0, 0, width, height);
+    swims.forEach((swim, k) => {
+      const colour = LINES[k % LINES.length];
+      drawCurve(ctx, swim.distance, most, boxes[0], colour, swim.dt);
+      drawCurve(ctx, swim.effort, 1, boxes[1], colour, swim.dt);
+    });
+    ctx.fillStyle = ink;
+    ctx.font = "12px system-ui, sans-serif";
+    ctx.textAlign = "right";
+    ctx.fillText(`mean distance, up to ${most.toFixed(2)} m`, width - 16, 18);
+    ctx.fillText("mean thrust, up to 1 N", width - 16, half + 24);
+    ctx.textAlign = "left";
+    if (swims.length > 1) swims.forEach((swim, k) => {
+      ctx.fillStyle = LINES[k % LINES.length];
+      ctx.fillText(name(swim), width * 0.3, 18 + 15 * k);
+    });
+    const x = 16 + (state.time / end) * (width - 32);
+    ctx.beginPath();
+    ctx.moveTo(x, 2); ctx.lineTo(x, height - 2);
+    Salp.stroke(ctx, ink, 1.2);
+  }
+
+  function draw() {
+    if (Salp.resize(water) | Salp.resize(curves)) layout();
+    const ctx = water.getContext("2d");
+    swims.forEach((swim) => drawSwim(ctx, swim));
+    drawCurves();
+    get("scrub").value = state.time;
+    get("scrub").setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds`);
+    get("clock").textContent = `${state.time.toFixed(1)} / ${end.toFixed(1)} s`;
+  }
+
+  function play(on) {
+    if (on && state.time >= end) state.time = 0;
+    state.playing = on;
+    get("play").textContent = on ? "Pause" : "Play";
+    get("play").setAttribute("aria-label", on ? "Pause" : "Play");
+  }
+
+  function seek(time) { state.time = Math.min(Math.max(time, 0), end); }
+
+  function faster(by) {
+    const at = Math.min(Math.max(SPEEDS.indexOf(state.speed) + by, 0), SPEEDS.length - 1);
+    state.speed = SPEEDS[at];
+    get("speed").value = String(state.speed);
+  }
+
+  function look(change) { swims.forEach(({ camera }) => change(camera)); state.touched = true; }
+
+  const zoom = (factor) => look((camera) => {
+    const [left, top, width, height] = camera.box;
+    camera.zoom(factor, left + width / 2, top + height / 2);
+  });
+  const step = (event, way) => { play(false); seek(state.time + way * (event.shiftKey ? 1 : swims[0].dt)); };
+  const KEYS = {
+    " ": () => play(!state.playing),
+    ArrowRight: (event) => step(event, 1), ArrowLeft: (event) => step(event, -1),
+    Home: () => seek(0), End: () => seek(end),
+    ArrowUp: () => faster(1), ArrowDown: () => faster(-1),
+    "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "0": fit,
+    w: () => look((c) => c.pan(0, 40)), s: () => look((c) => c.pan(0, -40)),
+    a: () => look((c) => c.pan(40, 0)), d: () => look((c) => c.pan(-40, 0)),
+    "?": () => get("help").showModal(),
+  };
+
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || get("help").open) return;
+    const on = document.activeElement, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (on.tagName === "SELECT" || (on.tagName === "BUTTON" && key === " ") || !KEYS[key]) return;
+    event.preventDefault();
+    KEYS[key](event);
+  });
+  get("play").addEventListener("click", () => play(!state.playing));
+  get("scrub").addEventListener("input", (event) => { play(false); seek(+event.target.value); });
+  get("speed").addEventListener("change", (event) => { state.speed = +event.target.value; });
+  get("fit").addEventListener("click", fit);
+  get("keys").addEventListener("click", () => get("help").showModal());
+  Salp.pointers(water, cameraAt, undefined, share);
+  Salp.pointers(curves, cameraAt, (x) => {
+    const go = (px) => { play(false); seek(((px - 16) / (curves.clientWidth - 32)) * end); };
+    go(x);
+    return { move: go, end() {} };
+  });
+
+  let last = performance.now();
+  function frame(now) {
+    if (state.playing) {
+      seek(state.time + ((now - last) / 1000) * state.speed);
+      if (state.time >= end) play(false);
+    }
+    last = now;
+    draw();
+    requestAnimationFrame(frame);
+  }
+  get("scrub").max = end;
+  words();
+  play(!Salp.still.matches);
+  window.replay = { state, swims, end };
+  requestAnimationFrame(frame);
+})();

@@ -1,0 +1,200 @@
+"""One moment of a trajectory, drawn into a rectangle of a canvas."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from salpchain.evaluation.trajectory import Trajectory
+from salpchain.report.canvas import Canvas
+from salpchain.report.shapes import (
+    LINK_WIDTH,
+    REACHED,
+    jet_outlines,
+    length_name,
+    place_colours,
+    round_length,
+    unit_outlines,
+)
+
+DEEP, SHALLOW = np.array([8, 29, 48]) / 255, np.array([17, 66, 92]) / 255  # of the water
+INK, FAINT, GHOST = (0.95, 0.98, 1.0), (0.56, 0.72, 0.82), (0.47, 0.76, 0.92)
+DONE = (0.55, 0.95, 0.68)
+TRAIL = 6.0  # s of the centroid's way that glow strongest (chosen)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle of a canvas (pixels from its lower left corner)."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A trajectory and the rectangle in which it is shown, whole."""
+
+    swim: Trajectory
+    box: Box
+    title: str
+
+    @property
+    def text_size(self) -> float:
+        """Of the smaller words (pixels)."""
+        return max(9.0, min(self.box.width / 42, self.box.height / 26))
+
+    @cached_property
+    def scale(self) -> float:
+        """Pixels for a metre: everything that happens fits between the words."""
+        low, high = self._reach
+        room = np.array([self.box.width, self.box.height - 5.2 * self.text_size])
+        return float((room / (high - low)).min())
+
+    @cached_property
+    def _reach(self) -> Float[np.ndarray, "2 2"]:
+        """Lowest and highest coordinates (m) that are shown."""
+        points = np.concatenate([self.swim.unit_position.reshape(-1, 2), self.swim.target])
+        points = points @ self._turn.T
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.08 + 0.03 * (high - low).max()
+        return np.stack([low - margin, high + margin])
+
+    @cached_property
+    def _turn(self) -> Float[np.ndarray, "2 2"]:
+        """Turns the way to the target along the longer side of the rectangle."""
+        x, y = self.swim.target.mean(axis=0) - self.swim.centroid[0]
+        bearing = np.arctan2(y, x) - (0.0 if self.box.width >= self.box.height else np.pi / 2)
+        cos, sin = np.cos(bearing), np.sin(bearing)
+        return np.array([[cos, sin], [-sin, cos]])
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Where points (m) are on the canvas (pixels)."""
+        middle = np.array(
+            [self.box.x + self.box.width / 2, self.box.y + self.box.height / 2 - self.text_size]
+        )
+        return (points @ self._turn.T - self._reach.mean(axis=0)) * self.scale + middle
+
+    def draw_still(self, canvas: Canvas) -> None:
+        """What is the same at every moment: the target's band, its points, words, scale bar."""
+        canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
+        target = self.at(self.swim.target)
+        canvas.lines([target], GHOST, 2 * REACHED * self.scale, alpha=0.13)
+        size, left = self.text_size, self.box.x + self.text_size
+        top = self.box.y + self.box.height
+        canvas.text(left, top - 1.9 * size, self.title, 1.25 * size, INK, bold=True)
+        canvas.text(left + 3.3 * size, self._words_at, "s", size, FAINT)
+        canvas.text(left + 7.7 * size, self._words_at, "cm to the target", size, FAINT)
+        self._draw_scale_bar(canvas)
+
+    def _draw_scale_bar(self, canvas: Canvas) -> None:
+        bar, size = round_length(self.box.width / self.scale / 5), self.text_size
+        right, low = self.box.x + self.box.width - size, self.box.y + size
+        ends = np.array([[right - bar * self.scale, low], [right, low]])
+        ticks = ends[:, None] + np.array([[0, -0.25], [0, 0.25]]) * size
+        canvas.lines([ends, *ticks], INK, max(1.2, size / 8), alpha=0.9)
+        canvas.text(
+            ends[0, 0] - 0.6 * size, low - 0.35 * size, length_name(bar), size, INK, right=True
+        )
+
+    def draw(self, canvas: Canvas, time: float) -> None:
+        """The chain at a time (s), its jets, its way, and lines to its target points.
+
+        After the end of the episode it stays as it was.
+        """
+        canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
+        now = float(min(time / self.swim.dt, self.swim.steps))
+        position = _between(self.swim.unit_position, now)
+        angle = _between(self.swim.unit_angle, now)
+        self._draw_trail(canvas, now)
+        self._draw_ghosts(canvas, position, angle)
+        if now < self.swim.steps:
+            self._draw_jets(canvas, position, angle, self.swim.thrust[int(now)])
+        self._draw_chain(canvas, position, angle)
+        self._draw_words(canvas, now)
+
+    def _draw_trail(self, canvas: Canvas, now: float) -> None:
+        """The centroid's way up to now, brightest where it was last."""
+        past = self.swim.centroid[: int(now) + 1]
+        ways = self.at(np.vstack([past, _between(self.swim.centroid, now)]))
+        width, recent = max(1.2, 0.012 * self.scale), int(TRAIL / self.swim.dt)
+        stride = max(1, len(ways) // 200)
+        canvas.lines([np.vstack([ways[:-1:stride], ways[-1:]])], INK, width, alpha=0.16)
+        for part, alpha in ((recent, 0.14), (recent // 2, 0.18), (recent // 4, 0.25)):
+            canvas.lines([ways[-max(part, 2) :]], INK, width, alpha=alpha)
+
+    def _draw_ghosts(self, canvas: Canvas, position: np.ndarray, angle: np.ndarray) -> None:
+        target = self.at(self.swim.target)
+        pairs = np.stack([self.at(position), target], axis=1)
+        canvas.lines(pairs, GHOST, max(0.7, 0.004 * self.scale), alpha=0.30)
+        outlines = self.at(unit_outlines(self.swim.target, angle))
+        canvas.lines([target], GHOST, max(1.0, 0.3 * LINK_WIDTH * self.scale), alpha=0.55)
+        canvas.fill(outlines, GHOST, alpha=0.34)
+
+    def _draw_jets(
+        self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, thrust: np.ndarray
+    ) -> None:
+        for width, alpha in ((1.5, 0.22), (0.9, 0.40), (0.45, 0.8)):
+            canvas.fill(self.at(jet_outlines(position, angle, thrust, width)), INK, alpha)
+
+    def _draw_chain(self, canvas: Canvas, position: np.ndarray, angle: np.ndarray) -> None:
+        way, width = self.at(position), max(1.6, LINK_WIDTH * self.scale)
+        canvas.lines([way], DEEP, 1.7 * width, alpha=0.55)
+        canvas.lines([way], (0.82, 0.90, 0.94), width)
+        outlines = self.at(unit_outlines(position, angle))
+        canvas.lines(
+            np.concatenate([outlines, outlines[:, :1]], 1), DEEP, max(1.0, 0.3 * width), alpha=0.7
+        )
+        for outline, colour in zip(outlines, place_colours(len(outlines)), strict=True):
+            canvas.fill(outline[None], colour)
+        shine = outlines.mean(axis=1, keepdims=True)
+        canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=0.18)
+
+    def _draw_words(self, canvas: Canvas, now: float) -> None:
+        """The numbers of clock and distance; the goal in words once it is reached."""
+        size, left, low = self.text_size, self.box.x + self.text_size, self._words_at
+        apart = 100 * float(_between(self.swim.distance, now))
+        arrived = self.swim.success and now >= self.swim.steps
+        colour = DONE if arrived else INK
+        canvas.text(left + 3 * size, low, f"{now * self.swim.dt:.1f}", size, colour, right=True)
+        canvas.text(left + 7.4 * size, low, f"{apart:.1f}", size, colour, right=True)
+        if arrived:
+            canvas.text(left + 17 * size, low, "reached", size, DONE, bold=True)
+
+    @property
+    def _words_at(self) -> float:
+        """Height of the line with clock and distance (pixels)."""
+        return self.box.y + self.box.height - 3.5 * self.text_size
+
+
+def _between(values: np.ndarray, now: float) -> Any:
+    """The values at a time between two steps."""
+    first = min(int(now), len(values) - 1)
+    last, part = min(first + 1, len(values) - 1), now - first
+    return (1 - part) * values[first] + part * values[last]
+
+
+def water(canvas: Canvas, boxes: list[Box]) -> None:
+    """Water in each rectangle, lighter above; dark between them."""
+    height, width = canvas.height, canvas.width
+    pixels = np.empty((height, width, 4), np.uint8)
+    pixels[:] = (*(255 * 0.5 * DEEP).astype(int), 255)
+    for box in boxes:
+        top, left = round(height - box.y - box.height), round(box.x)
+        rows, columns = round(box.height), round(box.width)
+        pixels[top : top + rows, left : left + columns, :3] = 255 * _water(rows, columns)
+    canvas.paste(pixels)
+
+
+def _water(rows: int, columns: int) -> Float[np.ndarray, "row column 3"]:
+    """A gradient with light from above, broken by a few slow waves; dithered against bands."""
+    y, x = np.mgrid[0:rows, 0:columns] / max(rows, 1)
+    light = np.exp(-1.5 * y - 0.6 * (x - 0.3) ** 2)
+    waves = np.sin(9 * x + 4 * np.sin(3 * y)) * np.sin(7 * y + 3 * np.sin(4 * x + 1))
+    noise = np.random.default_rng(0).uniform(-0.5, 0.5, (rows, columns)) / 255
+    share = np.clip(light + 0.035 * waves, 0, 1)[..., None]
+    return np.clip(DEEP + share * (SHALLOW - DEEP) + noise[..., None], 0, 1)

@@ -1,0 +1,72 @@
+"""The look of a chain as outlines in metres, and its colours: what every picture shares."""
+
+import numpy as np
+from jaxtyping import Float
+
+# Seaborn's and Matplotlib's maps end in colours lost on water: this one runs from deep sea to sun.
+PLACES = ("#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f")
+UNIT = (0.04, 0.05)  # m, along the chain and across it
+CORNER = 0.016  # m, radius of a unit's corners (chosen)
+LINK_WIDTH = 0.012  # m (chosen)
+JET = 0.075  # m, length of the jet of 1 N (chosen)
+DETAIL = 5  # points in a quarter of a circle (chosen)
+REACHED = 0.0513  # m, how near each unit must be: the goal's distance
+
+Points = Float[np.ndarray, "point 2"]
+Outlines = Float[np.ndarray, "unit corner 2"]
+
+
+def place_colours(count: int) -> Float[np.ndarray, "unit 3"]:
+    """Red, green and blue in [0, 1] of each place in a chain, from the first unit to the last."""
+    known = np.array([[int(c[i : i + 2], 16) / 255 for i in (1, 3, 5)] for c in PLACES])
+    at = np.linspace(0, len(known) - 1, count)
+    columns = [np.interp(at, np.arange(len(known)), column) for column in known.T]
+    return np.stack(columns, axis=1)
+
+
+def unit_outlines(position: Points, angle: Float[np.ndarray, " unit"]) -> Outlines:
+    """Rounded boxes (m), each unit in its true size and turned with its angle."""
+    quarter = np.linspace(0, np.pi / 2, DETAIL)
+    bow = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
+    signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], DETAIL, axis=0)
+    half = np.array(UNIT) / 2 - CORNER
+    return _placed(signs * half + CORNER * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
+
+
+def jet_outlines(
+    position: Points,
+    angle: Float[np.ndarray, " unit"],
+    thrust: Float[np.ndarray, " unit"],
+    width: float = 1.0,
+) -> Outlines:
+    """Drops (m) that leave each unit opposite to its push, as long as the thrust is strong.
+
+    A positive thrust pushes along the heading, so its water leaves at the other side.
+    """
+    away = np.linspace(0, 1, 2 * DETAIL)
+    girth = 0.014 * width * np.sqrt(1 - away) * (0.55 + 1.2 * away)
+    right, left = np.stack([girth, -away], 1), np.stack([-girth, -away], 1)[::-1]
+    drop = (
+        np.concatenate([right, left])[None]
+        * np.stack([0.35 + 0.65 * np.abs(thrust), JET * thrust], axis=1)[:, None]
+    )
+    rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (UNIT[1] / 2 - 0.003))[:, None]
+    return _placed(drop + rim[:, None], position, angle)
+
+
+def _placed(shape: np.ndarray, position: Points, angle: Float[np.ndarray, " unit"]) -> Outlines:
+    """Shapes around the origin turned and moved to each unit."""
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    x, y = shape[..., 0], shape[..., 1]
+    return position[:, None] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
+
+
+def round_length(length: float) -> float:
+    """The largest of 1, 2 or 5 times a power of ten that is not longer."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(k for k in (1, 2, 5) if k * power <= length * (1 + 1e-9)))
+
+
+def length_name(length: float) -> str:
+    """A round length with its unit."""
+    return f"{length:g} m" if length >= 1 else f"{100 * length:g} cm"

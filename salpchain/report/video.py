@@ -1,0 +1,229 @@
+"""Videos of trajectories: MP4 by PyAV, which brings its own ffmpeg; GIF and PNG by Pillow."""
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from salpchain.errors import InputError
+from salpchain.evaluation.trajectory import Trajectory
+from salpchain.files import write_bytes
+from salpchain.report.canvas import Canvas
+from salpchain.report.scene import Box, Scene, water
+
+SUFFIXES = (".mp4", ".gif", ".png")
+SMALLEST, LARGEST = 64, 4096  # pixels, of a side of a video
+REST = 1.0  # s that the last moment stays (chosen)
+GAP = 6  # pixels between panels
+MOMENTS = 6  # of a strip (chosen)
+COLOURS = 128  # of a GIF (chosen)
+SQUARENESS = 1.5  # wanted width of a panel for its height (chosen)
+
+Pixels = UInt8[np.ndarray, "height width 4"]
+Progress = Callable[[float], None]
+
+
+def _unheard(_: float) -> None:
+    """Nobody wants to know the progress."""
+
+
+@dataclass(frozen=True)
+class Film:
+    """How a video looks.
+
+    Raises:
+        InputError: a size, a rate or a speed that cannot be.
+    """
+
+    width: int = 1280  # pixels
+    height: int = 720
+    rate: float = 30.0  # frames for each second of the video
+    speed: float = 2.0  # s of swimming for each second of the video
+
+    def __post_init__(self) -> None:
+        for name, size in (("width", self.width), ("height", self.height)):
+            if not SMALLEST <= size <= LARGEST or size % 2:
+                raise InputError(
+                    f"{name} must be an even number of pixels from {SMALLEST} to {LARGEST},"
+                    f" got {size}"
+                )
+        if not 1 <= self.rate <= 120:
+            raise InputError(f"the frame rate must be 1 to 120 per second, got {self.rate}")
+        if not 0.05 <= self.speed <= 100:
+            raise InputError(f"speed must be 0.05 to 100, got {self.speed}")
+
+
+DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(480, 480)}
+
+
+def write_video(
+    swims: Sequence[Trajectory], out: Path, film: Film | None = None, progress: Progress = _unheard
+) -> Path:
+    """The trajectories side by side in one video; returns its path.
+
+    The suffix chooses the form: `.mp4`, `.gif` (goes round for ever), or `.png`: a strip of
+    moments from the start to the end, each as large as the film.
+
+    Raises:
+        InputError: no trajectories, an unknown suffix, or PyAV is missing and an MP4 is wanted.
+        OSError: the folder is missing or not writable, or the disk is full.
+    """
+    suffix = check_suffix(out)
+    if not swims:
+        raise InputError("a video needs at least one trajectory")
+    film = film or DEFAULTS[suffix]
+    if suffix == ".png":
+        content = _strip(swims, film)
+    else:
+        write = _mp4 if suffix == ".mp4" else _gif
+        content = write(_told(frames(swims, film), num_frames(swims, film), progress), film)
+    write_bytes(out, content)
+    return out
+
+
+def check_suffix(out: Path) -> str:
+    """The suffix of a video's name, in small letters.
+
+    Raises:
+        InputError: none that can be written, or `.mp4` without PyAV.
+    """
+    suffix = out.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(
+            f"a video's name must end in .mp4, .gif or .png (a strip of moments), got {out}"
+        )
+    if suffix == ".mp4":
+        _av()
+    return suffix
+
+
+def num_frames(swims: Sequence[Trajectory], film: Film) -> int:
+    """Frames that `frames` yields."""
+    longest = max(swim.duration for swim in swims)
+    return int(np.ceil((longest / film.speed + REST) * film.rate)) + 1
+
+
+def frames(swims: Sequence[Trajectory], film: Film) -> Iterator[Pixels]:
+    """The frames of the video, one after the other.
+
+    A frame is overwritten when the next one is asked for.
+    """
+    picture = Picture(swims, film)
+    for index in range(num_frames(swims, film)):
+        yield picture.at(index / film.rate * film.speed)
+
+
+class Picture:
+    """Trajectories side by side, drawn at any time."""
+
+    def __init__(self, swims: Sequence[Trajectory], film: Film) -> None:
+        """Draws what stays the same once."""
+        self._canvas = Canvas(film.width, film.height)
+        boxes = layout(len(swims), film)
+        self._scenes = [
+            Scene(swim, box, _title(swim, swims)) for swim, box in zip(swims, boxes, strict=True)
+        ]
+        water(self._canvas, boxes)
+        for scene in self._scenes:
+            scene.draw_still(self._canvas)
+        self._still = self._canvas.copy()
+
+    def at(self, time: float) -> Pixels:
+        """The picture at a time (s); the pixels are those of the canvas, not a copy."""
+        self._canvas.paste(self._still)
+        for scene in self._scenes:
+            scene.draw(self._canvas, time)
+        return self._canvas.pixels
+
+
+def _title(swim: Trajectory, swims: Sequence[Trajectory]) -> str:
+    units = f"{swim.length} units"
+    alike = len({other.policy for other in swims}) == 1
+    return units if alike and len(swims) > 1 else f"{swim.policy}, {units}"
+
+
+def layout(count: int, film: Film) -> list[Box]:
+    """A rectangle for each panel, in lines that fill the picture; the last line's are wider."""
+    columns = int(np.ceil(np.sqrt(count * film.width / film.height / SQUARENESS)))
+    columns = min(max(columns, 1), count)
+    lines = int(np.ceil(count / columns))
+    height = (film.height - GAP * (lines - 1)) / lines
+    boxes: list[Box] = []
+    for line in range(lines):
+        here = count // lines + (line < count % lines)
+        width = (film.width - GAP * (here - 1)) / here
+        low = film.height - height - line * (height + GAP)
+        boxes += [Box(k * (width + GAP), low, width, height) for k in range(here)]
+    return boxes
+
+
+def _told(made: Iterator[Pixels], count: int, progress: Progress) -> Iterator[Pixels]:
+    """The same frames; the share that is done is reported now and then."""
+    for index, frame in enumerate(made):
+        if index % 30 == 0:
+            progress(index / count)
+        yield frame
+
+
+def _av() -> Any:
+    try:
+        import av
+    except ImportError:
+        raise InputError(
+            "an .mp4 needs PyAV: pip install 'salpchain[video]', or write a .gif or a .png"
+        ) from None
+    return av
+
+
+def _mp4(made: Iterator[Pixels], film: Film) -> bytes:
+    """H.264 that every browser plays."""
+    av, content = _av(), io.BytesIO()
+    rate = round(film.rate)
+    options = {"crf": "20", "preset": "veryfast"}
+    with av.open(content, mode="w", format="mp4") as file:
+        stream = file.add_stream("libx264", rate=rate, options=options)
+        stream.width, stream.height, stream.pix_fmt = film.width, film.height, "yuv420p"
+        for pixels in made:
+            frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode(None))
+    return content.getvalue()
+
+
+def _gif(made: Iterator[Pixels], film: Film) -> bytes:
+    """All frames with the colours of a frame in which all is seen."""
+    from PIL import Image
+
+    images = [Image.fromarray(pixels[..., :3].copy()) for pixels in made]
+    palette = images[len(images) // 2].quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    plain = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    content = io.BytesIO()
+    plain[0].save(
+        content, "gif", save_all=True, append_images=plain[1:], loop=0,
+        duration=round(1000 / film.rate), optimize=False,
+    )  # fmt: skip
+    return content.getvalue()
+
+
+def _strip(swims: Sequence[Trajectory], film: Film) -> bytes:
+    """Moments side by side, two lines of them where they would be too wide together."""
+    from PIL import Image
+
+    picture = Picture(swims, film)
+    longest = max(swim.duration for swim in swims)
+    moments = [picture.at(part * longest)[..., :3].copy() for part in np.linspace(0, 1, MOMENTS)]
+    per_line = MOMENTS if MOMENTS * film.width <= LARGEST else MOMENTS // 2
+    lines = [np.hstack(moments[i : i + per_line]) for i in range(0, MOMENTS, per_line)]
+    content = io.BytesIO()
+    Image.fromarray(np.vstack(lines)).save(content, "png")
+    return content.getvalue()
+
+
+def with_defaults(out: Path, **given: Any) -> Film:
+    """The film that suits the suffix, with what is given (not None) in its place."""
+    chosen = {name: value for name, value in given.items() if value is not None}
+    return replace(DEFAULTS[check_suffix(out)], **chosen)

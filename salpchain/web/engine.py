@@ -1,0 +1,191 @@
+"""The loop that makes a live world swim, and what it tells the browsers."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from salpchain.control.policy import Controller
+from salpchain.errors import InputError
+from salpchain.web import messages
+from salpchain.web.fleet import Fleet
+from salpchain.web.pool import SLOTS, Pool
+from salpchain.web.world import World
+
+STEP = 0.1  # s of swimming in a control step
+IDLE = 0.5  # s between looks while nobody watches (chosen)
+LATEST = 0.25  # s that the loop may be late before it gives up catching up (chosen)
+
+
+class Engine:
+    """One world, one loop. Edits are carried out between two steps, at once.
+
+    Everything runs in the event loop but reading policies and compiling, so nothing needs a lock.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        tell: Callable[[bytes], None],
+        complain: Callable[[str], None],
+        seed: int = 0,
+    ) -> None:
+        """`tell` gets every new state, as bytes for all browsers, and `complain` every error."""
+        self.world, self.fleet = World(seed), fleet
+        self._tell, self._complain = tell, complain
+        self.pool = Pool()
+        self.paused, self.speed, self.watched = False, 1.0, 0
+        self.policy, self.loading = fleet.first, fleet.first
+        self.took = 0.0  # s, of the last step
+        self._controller: Controller | None = None
+        self._tasks: set[asyncio.Task] = set()
+
+    async def run(self) -> None:
+        """Swims until cancelled."""
+        self._start(self._first_policy())
+        due = time.monotonic()
+        while True:
+            if self.paused or not self.watched or self._controller is None:
+                await asyncio.sleep(IDLE if not self.watched else STEP / 4)
+                due = time.monotonic()
+                continue
+            self.advance()
+            due += STEP / self.speed
+            late = time.monotonic() - due
+            due = time.monotonic() if late > LATEST else due
+            await asyncio.sleep(max(-late, 0.0))
+
+    def advance(self) -> None:
+        """One control step, told to everybody."""
+        if self._controller is None:
+            raise InputError("the policy is being loaded: wait a moment")
+        begin = time.perf_counter()
+        self.world.advance(self.pool, self._controller)
+        self.took = time.perf_counter() - begin
+        self.show()
+
+    def show(self) -> None:
+        """Tells everybody how the world is now."""
+        self._tell(self.state())
+
+    def do(self, message: messages.Message) -> None:
+        """Carries out what a browser asked for.
+
+        Raises:
+            InputError: it cannot be done; nothing has changed.
+        """
+        DEEDS[type(message)](self, message)
+        self.show()
+
+    def state(self) -> bytes:
+        """The whole world as a message."""
+        world = self.world
+        return messages.write(
+            "state",
+            time=round(world.time * STEP, 1),
+            epoch=world.epoch,
+            paused=self.paused,
+            speed=self.speed,
+            policy=self.policy,
+            loading=self.loading,
+            took=round(1e3 * self.took, 2),
+            current=_short(world.current),
+            chains=[_chain(one) for one in world.swimmers],
+        )
+
+    def welcome(self) -> bytes:
+        """What a browser must know once."""
+        return messages.write("welcome", policies=self.fleet.names, step=STEP, most=SLOTS[-1])
+
+    def pause(self, on: bool) -> None:
+        """Stops or goes on."""
+        self.paused = on
+
+    def pace(self, speed: float) -> None:
+        """Sets how fast time passes."""
+        self.speed = speed
+
+    def step(self) -> None:
+        """Pauses, and makes one control step."""
+        self.paused = True
+        self.advance()
+
+    def steer(self, name: str) -> None:
+        """Lets another policy steer, as soon as it is read and compiled."""
+        if name not in self.fleet.names:
+            raise InputError("there is no such policy: choose one of the list")
+        if self.loading:
+            raise InputError(f"{self.loading} is being loaded: wait a moment")
+        self.loading = name
+        self._start(self._change_policy(name))
+
+    def _start(self, work: Any) -> None:
+        """Runs in the background; kept, as the event loop keeps no task alive."""
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _first_policy(self) -> None:
+        await self._change_policy(self.fleet.first)
+        if self._controller is None and self.fleet.first != "greedy":
+            await self._change_policy("greedy")
+
+    async def _change_policy(self, name: str) -> None:
+        try:
+            controller = await asyncio.to_thread(self.fleet.load, name)
+            self.world.steer_by(controller.card)
+            await asyncio.to_thread(self.pool.prepare, controller, SLOTS[0])
+            self.world.steer_by(controller.card)  # chains may have changed meanwhile
+            self._controller, self.policy = controller, name
+        except (InputError, OSError) as error:
+            self._complain(str(error))
+        finally:
+            self.loading = ""
+        self.show()
+        if self._controller is not None:
+            await asyncio.to_thread(self.pool.prepare, self._controller, SLOTS[1])
+
+
+def _chain(one: Any) -> dict[str, Any]:
+    """A chain in short numbers: 0.1 mm, a thousandth of a radian, a hundredth of a newton."""
+    units = [
+        [round(x, 4), round(y, 4), round(angle, 3), round(thrust, 2), int(works)]
+        for (x, y, angle), thrust, works in zip(
+            one.units[:, :3].tolist(), one.pushes.tolist(), one.works.tolist(), strict=True
+        )
+    ]
+    return {
+        "name": one.name,
+        "units": units,
+        "target": [_short(point) for point in one.target],
+        "turn": round(one.turn, 4),
+        "distance": round(one.distance, 4),
+        "reached": one.reached,
+        "arrived": None if one.arrived is None else round(one.arrived * STEP, 1),
+        "since": round(one.since * STEP, 1),
+        "speed": round(float(np.hypot(*one.units[:, 3:5].mean(axis=0))), 4),
+    }
+
+
+def _short(point: np.ndarray) -> list[float]:
+    return [round(value, 4) for value in point.tolist()]
+
+
+DEEDS: dict[type, Callable[[Engine, Any], None]] = {
+    messages.Place: lambda e, m: e.world.place(m.chain, m.x, m.y, m.turn),
+    messages.Draw: lambda e, m: e.world.draw(m.chain, m.points),
+    messages.Grow: lambda e, m: e.world.grow(m.chain),
+    messages.Shrink: lambda e, m: e.world.shrink(m.chain),
+    messages.Thruster: lambda e, m: e.world.switch(m.chain, m.unit, m.on),
+    messages.Cut: lambda e, m: e.world.cut(m.chain, m.link),
+    messages.Join: lambda e, m: e.world.join(m.chain, m.other),
+    messages.Push: lambda e, m: e.world.push(m.chain, m.unit, m.x, m.y),
+    messages.Flow: lambda e, m: e.world.flow(m.x, m.y),
+    messages.Steer: lambda e, m: e.steer(m.policy),
+    messages.Pause: lambda e, m: e.pause(m.on),
+    messages.Step: lambda e, m: e.step(),
+    messages.Pace: lambda e, m: e.pace(m.speed),
+    messages.Reset: lambda e, m: e.world.reset(m.length),
+}

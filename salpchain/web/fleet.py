@@ -1,0 +1,64 @@
+"""The policies that a live page can choose from: greedy, released ones, and runs in a folder."""
+
+from pathlib import Path
+
+from salpchain.control.greedy import Greedy
+from salpchain.control.policy import Controller
+from salpchain.control.storage import POLICY_FILE, load
+from salpchain.errors import InputError
+from salpchain.web.released import released
+
+GREEDY = "greedy"
+BEST = ("any-length",)  # released policies that steer first if there are any, best first
+MOST = 200  # policies in the list (chosen)
+
+
+class Fleet:
+    """Policies by name. Only what is in the list can be loaded, never a path from outside."""
+
+    def __init__(self, chosen: str = "", runs: Path | None = None) -> None:
+        """The policy that the user chose (a path, or greedy) and those in a folder of runs.
+
+        Raises:
+            InputError: the chosen one is neither a run folder nor a policy file.
+        """
+        self._paths = released()
+        self._paths |= _runs_in(runs) if runs else {}
+        best = [name for name in BEST if name in self._paths]
+        self.first = best[0] if best else next(iter(self._paths), GREEDY)
+        self._loaded: dict[str, Controller] = {GREEDY: Greedy()}
+        if chosen and chosen not in (GREEDY, *self._paths):
+            self._add(Path(chosen))
+        elif chosen:
+            self.first = chosen
+
+    def _add(self, path: Path) -> None:
+        if not path.exists():
+            raise InputError(f"no such run folder or policy: {path} (a path, or greedy)")
+        policy, name = load(path), path.name if path.is_dir() else path.stem
+        self.first = name if name not in (GREEDY, *self._paths) else str(path)
+        self._paths[self.first], self._loaded[self.first] = path, policy
+
+    @property
+    def names(self) -> list[str]:
+        """All policies, the one that steers first in front."""
+        others = [name for name in (*self._paths, GREEDY) if name != self.first]
+        return [self.first, *others][:MOST]
+
+    def load(self, name: str) -> Controller:
+        """The policy of this name; read from its file once.
+
+        Raises:
+            InputError: none of that name, or its file is damaged.
+        """
+        if name not in self._loaded:
+            if name not in self._paths:
+                raise InputError(f"there is no policy {name!r}: choose one of the list")
+            self._loaded[name] = load(self._paths[name])
+        return self._loaded[name]
+
+
+def _runs_in(folder: Path) -> dict[str, Path]:
+    """Runs of a folder, or in the folders within it, by their path inside."""
+    found = sorted((*folder.glob(f"*/{POLICY_FILE}"), *folder.glob(f"*/*/{POLICY_FILE}")))
+    return {str(path.parent.relative_to(folder)): path.parent for path in found[:MOST]}

@@ -1,0 +1,210 @@
+"""The live world: the chains that swim in it, and everything that a person may do to them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from salpchain.control.policy import Controller, PolicyCard
+from salpchain.domain.config import check_length
+from salpchain.errors import InputError
+from salpchain.web import swimmer
+from salpchain.web.drawing import nearer_way_round, random_target, resampled
+from salpchain.web.pool import CHAINS, SLOTS, Packed, Pool, empty, slots_for
+from salpchain.web.swimmer import Swimmer
+
+MOST_UNITS = SLOTS[-1]
+FASTEST_CURRENT = 0.3  # m/s (chosen: half as fast again as a chain)
+HARDEST_KICK = 3.0  # m/s, of the one unit that is pushed (chosen)
+FIRST_LENGTH = 12  # units, until somebody changes it (chosen)
+
+Point = Float[np.ndarray, "2"]
+
+
+@dataclass
+class World:
+    """Chains in still or moving water; edits take effect at once, time passes with `advance`.
+
+    Every edit raises InputError, and changes nothing, where it cannot be done.
+    """
+
+    seed: int = 0
+    time: int = 0  # control steps
+    current: Point = field(default_factory=lambda: np.zeros(2))  # m/s
+    swimmers: list[Swimmer] = field(default_factory=list)
+    card: PolicyCard | None = None  # of the controller that steers
+    epoch: int = 0  # counts resets, so that a page knows that chains did not swim but jump
+
+    def __post_init__(self) -> None:
+        self._dice = np.random.default_rng(self.seed)
+        self._names = 0
+        self._kicks: list[tuple[int, int, Point]] = []
+        if not self.swimmers:
+            self.reset(FIRST_LENGTH)
+
+    def reset(self, length: int | None = None) -> None:
+        """One straight chain, as long as all were together, and a new random target."""
+        length = self.num_units if length is None else length
+        self._check_room(check_length(length))
+        self._check_serves([length])
+        target = random_target(self._dice, length, np.zeros(2))
+        angle = self._dice.uniform(0, 2 * np.pi)
+        one = swimmer.straight(self._new_name(), length, np.zeros(2), angle, target)
+        self.swimmers, self._kicks, self.time = [one], [], 0
+        self.epoch += 1
+
+    @property
+    def num_units(self) -> int:
+        """Of all chains together."""
+        return sum(one.length for one in self.swimmers)
+
+    def place(self, name: int, x: float, y: float, turn: float) -> None:
+        """Moves a chain's target pose to a centre (m) and turns it to an angle (rad)."""
+        self._change(name, lambda one: swimmer.placed(one, np.array([x, y]), turn))
+
+    def draw(self, name: int, points: Sequence[tuple[float, float]]) -> None:
+        """Gives a chain a target along a line drawn by hand (m)."""
+
+        def aim(one: Swimmer) -> Swimmer:
+            target = resampled(np.array(points), one.length)
+            return swimmer.aimed(one, nearer_way_round(target, one.units[:, :2]))
+
+        self._change(name, aim)
+
+    def grow(self, name: int) -> None:
+        """Adds a unit at a chain's end."""
+        one = self._find(name)
+        self._check_room(self.num_units + 1)
+        self._check_serves([one.length + 1])
+        others = [other.units[:, :2] for other in self.swimmers if other.name != name]
+        self._change(name, lambda one: swimmer.grown(one, np.vstack([np.empty((0, 2)), *others])))
+
+    def shrink(self, name: int) -> None:
+        """Takes the unit at a chain's end away."""
+        smaller = swimmer.shrunk(self._find(name))
+        self._check_serves([smaller.length])
+        self._change(name, lambda _: smaller)
+
+    def switch(self, name: int, unit: int, on: bool) -> None:
+        """Turns a unit's thruster on or off."""
+        works = self._find(name, unit).works.copy()
+        works[unit] = on
+        self._change(name, lambda one: replace(one, works=works))
+
+    def cut(self, name: int, link: int) -> None:
+        """Makes two chains of one, each with its own target."""
+        if len(self.swimmers) >= CHAINS:
+            raise InputError(f"{CHAINS} chains swim already: join two of them first")
+        index = self.swimmers.index(self._find(name))
+        parts = swimmer.cut(self.swimmers[index], link, self._names + 1)
+        self._check_serves([part.length for part in parts])
+        self._names += 1
+        self.swimmers[index : index + 1] = parts
+
+    def join(self, name: int, other: int) -> None:
+        """Links two chains at their nearest ends."""
+        if name == other:
+            raise InputError("a chain cannot be joined to itself: give two chains")
+        whole = swimmer.joined(self._find(name), self._find(other))
+        self._check_serves([whole.length])
+        self.swimmers = [one for one in self.swimmers if one.name != other]
+        self._change(name, lambda _: whole)
+
+    def push(self, name: int, unit: int, x: float, y: float) -> None:
+        """Gives a unit a kick (m/s) at the next step."""
+        self._find(name, unit)
+        kick = np.array([x, y])
+        self._kicks.append((name, unit, kick * min(1, HARDEST_KICK / max(np.hypot(x, y), 1e-9))))
+        del self._kicks[:-MOST_UNITS]
+
+    def flow(self, x: float, y: float) -> None:
+        """Sets the current of the water (m/s)."""
+        speed = float(np.hypot(x, y))
+        if speed > FASTEST_CURRENT:
+            raise InputError(f"a current is at most {FASTEST_CURRENT} m/s, got {speed:.2f}")
+        self.current = np.array([x, y])
+
+    def steer_by(self, card: PolicyCard) -> None:
+        """From now on a controller with this card steers; it must serve all chains there are."""
+        self._check_serves([one.length for one in self.swimmers], card)
+        self.card = card
+
+    def advance(self, pool: Pool, controller: Controller) -> None:
+        """One control step (0.1 s) of all chains."""
+        packed = self._pack()
+        moved = pool.advance(controller, packed)
+        if not (np.isfinite(moved.units).all() and np.isfinite(moved.links).all()):
+            self.reset()  # no edit is known to do this; a world must never stay broken
+            return
+        self.time += 1
+        self._kicks = []
+        self.swimmers = [
+            _after(
+                one, moved.units[a:], moved.links[a:], moved.thrust[a:], float(apart), bool(good)
+            )
+            for one, a, apart, good in zip(
+                self.swimmers, packed.first, moved.distance, moved.reached, strict=False
+            )
+        ]
+
+    def _pack(self) -> Packed:
+        """All chains one after the other; the gap between two chains is no link."""
+        packed = empty(slots_for(self.num_units))
+        first = 0
+        for index, one in enumerate(self.swimmers):
+            units, links = slice(first, first + one.length), slice(first, first + one.length - 1)
+            packed.units[units], packed.links[links] = one.units, one.links
+            packed.rest[links], packed.linked[links] = one.rest, True
+            packed.target[units], packed.works[units] = one.target, one.works
+            packed.thrust[units] = one.pushes
+            packed.first[index], packed.count[index] = first, one.length
+            for name, unit, kick in self._kicks:
+                if name == one.name and unit < one.length:
+                    packed.kick[first + unit] += kick
+            first += one.length
+        packed.current[:] = self.current
+        return packed
+
+    def _find(self, name: int, unit: int = 0) -> Swimmer:
+        """The chain of this name, which has such a unit."""
+        for one in self.swimmers:
+            if one.name == name:
+                if not 0 <= unit < one.length:
+                    raise InputError(f"chain {name} has units 0 to {one.length - 1}, got {unit}")
+                return one
+        raise InputError(f"there is no chain {name} (any more)")
+
+    def _change(self, name: int, change: Callable[[Swimmer], Swimmer]) -> None:
+        index = self.swimmers.index(self._find(name))
+        self.swimmers[index] = change(self.swimmers[index])
+
+    def _new_name(self) -> int:
+        self._names += 1
+        return self._names
+
+    def _check_room(self, units: int) -> None:
+        if units > MOST_UNITS:
+            raise InputError(f"the live page holds at most {MOST_UNITS} units, got {units}")
+
+    def _check_serves(self, lengths: Sequence[int], card: PolicyCard | None = None) -> None:
+        if card := card or self.card:
+            for length in lengths:
+                card.check_serves(length)
+
+
+def _after(
+    one: Swimmer, units: np.ndarray, links: np.ndarray, thrust: np.ndarray, apart: float, good: bool
+) -> Swimmer:
+    """The chain after a step, from the slots that begin with its own."""
+    n, since = one.length, one.since + 1
+    return replace(
+        one,
+        units=units[:n].astype(float),
+        links=links[: n - 1].astype(float),
+        thrust=thrust[:n].astype(float),
+        distance=apart,
+        reached=good,
+        since=since,
+        arrived=since if good and one.arrived is None else one.arrived,
+    )

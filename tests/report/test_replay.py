@@ -1,0 +1,175 @@
+"""The replay page: in Python its data, in a real browser what a person does with it."""
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+
+from salpchain.errors import InputError
+from salpchain.report.replay import page, write_replay
+from tests.report.swims import swim
+from tests.web.browser import open_browser, shoot, until, watched
+
+
+def data_of(text):
+    return json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])["swims"]
+
+
+def numbers(packed, kind):
+    return np.frombuffer(base64.b64decode(packed), kind).astype(float)
+
+
+def test_positions_come_back_to_a_fifth_of_a_millimetre_and_angles_to_a_minute():
+    one = swim(5)
+    (packed,) = data_of(page([one]))
+    position = numbers(packed["position"], "<i2").reshape(one.unit_position.shape)
+    np.testing.assert_allclose(
+        position * packed["grain"] + packed["middle"], one.unit_position, atol=2e-4
+    )
+    angle = numbers(packed["angle"], "<i2").reshape(one.unit_angle.shape) * np.pi / 32767
+    np.testing.assert_allclose(np.cos(angle - one.unit_angle), 1, atol=1e-7)
+    thrust = numbers(packed["thrust"], "<i1").reshape(one.thrust.shape) / 127
+    np.testing.assert_allclose(thrust, one.thrust, atol=4e-3)
+    np.testing.assert_allclose(numbers(packed["distance"], "<f4"), one.distance, rtol=1e-6)
+
+
+def test_512_steps_of_64_units_take_less_than_a_megabyte():
+    assert len(page([swim(64, times=513)])) < 1_000_000
+
+
+def test_a_name_that_looks_like_html_stays_a_name():
+    evil = "</script><script>alert(1)</script><!--{{script}}"
+    text = page([swim(3, policy=evil)])
+    assert text.count("<script") == 3 and evil not in text
+    assert data_of(text)[0]["policy"] == evil
+
+
+def test_a_page_loads_nothing_from_anywhere():
+    text = page([swim(3)])
+    assert not re.search(r"""(src|href|url)\s*[=(]\s*["']?(https?:)?//""", text)
+    assert "default-src 'none'" in text
+
+
+@pytest.mark.parametrize("count", [0, 13])
+def test_no_or_too_many_swims_are_refused(count, tmp_path):
+    with pytest.raises(InputError, match="1 to 12"):
+        write_replay([swim(2, times=2)] * count, tmp_path / "x.html")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with open_browser() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def places(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("replay")
+    one, other = swim(6, times=60), swim(6, times=40, policy="<b>other</b>")
+    return {
+        "one": write_replay([one], folder / "one.html").as_uri(),
+        "both": write_replay([one, other], folder / "both.html").as_uri(),
+    }
+
+
+def time_of(page):
+    return page.evaluate("replay.state.time")
+
+
+def test_it_plays_by_itself_to_the_end_and_pauses(browser, places):
+    with watched(browser, places["one"]) as page:
+        page.select_option("#speed", "16")
+        until(page, "replay.state.time >= replay.end")
+        assert page.inner_text("#play") == "Play"
+        assert page.inner_text("#title") == "made, 6 units"
+        assert page.inner_text("#clock") == "5.9 / 5.9 s"
+        shoot(page, "replay")
+
+
+def test_every_key_does_what_the_help_says(browser, places):
+    with watched(browser, places["one"]) as page:
+        page.keyboard.press("Space")
+        assert page.inner_text("#play") == "Play"
+        page.keyboard.press("Home")
+        assert time_of(page) == 0
+        page.keyboard.press("ArrowRight")
+        assert time_of(page) == pytest.approx(0.1)
+        page.keyboard.press("Shift+ArrowRight")
+        assert time_of(page) == pytest.approx(1.1)
+        page.keyboard.press("ArrowLeft")
+        assert time_of(page) == pytest.approx(1.0)
+        page.keyboard.press("End")
+        assert time_of(page) == pytest.approx(5.9)
+        page.keyboard.press("ArrowUp")
+        assert page.input_value("#speed") == "4"
+        scale = page.evaluate("replay.swims[0].camera.scale")
+        page.keyboard.press("+")
+        assert page.evaluate("replay.swims[0].camera.scale") == pytest.approx(1.25 * scale)
+        x = page.evaluate("replay.swims[0].camera.x")
+        page.keyboard.press("d")
+        assert page.evaluate("replay.swims[0].camera.x") > x
+        page.keyboard.press("0")
+        assert page.evaluate("replay.swims[0].camera.scale") == pytest.approx(scale)
+        page.keyboard.press("?")
+        assert page.is_visible("#help")
+        page.keyboard.press("Escape")
+        assert not page.is_visible("#help")
+
+
+def test_wheel_drag_scrub_and_curves_obey_the_mouse(browser, places):
+    with watched(browser, places["one"]) as page:
+        box = page.locator("#water").bounding_box()
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(*middle)
+        before = page.evaluate("[replay.swims[0].camera.x, replay.swims[0].camera.scale]")
+        page.mouse.wheel(0, -200)
+        until(page, f"replay.swims[0].camera.scale > {before[1]}")
+        page.mouse.down()
+        page.mouse.move(middle[0] + 80, middle[1])
+        page.mouse.up()
+        assert page.evaluate("replay.swims[0].camera.x") < before[0]
+        curves = page.locator("#curves").bounding_box()
+        page.mouse.click(curves["x"] + curves["width"] / 2, curves["y"] + 40)
+        assert time_of(page) == pytest.approx(2.95, abs=0.02)
+        page.locator("#scrub").fill("1.5")
+        assert time_of(page) == 1.5 and page.inner_text("#play") == "Play"
+
+
+def test_what_is_drawn_are_the_units_where_the_trajectory_has_them(browser, places):
+    """Pixels under the first and the last unit have the colours of their places."""
+    with watched(browser, places["one"]) as page:
+        page.keyboard.press("Home")
+        page.keyboard.press("Space") if page.inner_text("#play") == "Pause" else None
+        page.keyboard.press("Home")
+        page.evaluate(
+            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
+        for unit, expected in ((0, (0x22, 0xC3, 0xD6)), (5, (0xF7, 0x60, 0x9F))):
+            seen = page.evaluate(
+                """(i) => {
+                const s = replay.swims[0], [x, y] = s.camera.toScreen(s.x(0, i), s.y(0, i));
+                const c = document.getElementById('water').getContext('2d');
+                return [...c.getImageData(x + 4, y + 4, 1, 1).data];
+            }""",
+                unit,
+            )
+            assert np.abs(np.array(seen[:3]) - expected).max() < 60
+
+
+def test_two_swims_side_by_side_on_a_phone_in_light(browser, places):
+    look = {"viewport": {"width": 360, "height": 640}, "color_scheme": "light"}
+    with watched(browser, places["both"], **look) as page:
+        until(page, "replay.state.time > 0.3")
+        boxes = page.evaluate("replay.swims.map((s) => s.camera.box)")
+        assert boxes[0] != boxes[1]
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        assert page.locator("b").count() == 0
+        shoot(page, "replay-phone")
+
+
+def test_it_stands_still_at_first_for_whoever_wants_less_motion(browser, places):
+    with watched(browser, places["one"], reduced_motion="reduce") as page:
+        assert page.inner_text("#play") == "Play" and time_of(page) == 0

@@ -1,0 +1,180 @@
+"""Videos: what is in the files, decoded again, and what is drawn where."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from salpchain.errors import InputError
+from salpchain.report.scene import Box, Scene
+from salpchain.report.shapes import jet_outlines, place_colours, round_length, unit_outlines
+from salpchain.report.video import (
+    COLOURS,
+    DEFAULTS,
+    Film,
+    Picture,
+    check_suffix,
+    frames,
+    layout,
+    num_frames,
+    write_video,
+)
+from tests.report.swims import made, swim
+
+SMALL = Film(320, 180, 10.0, 2.0)
+
+
+def quiet(_):
+    pass
+
+
+def near(pixels, colour, apart=12):
+    """How many pixels have a colour (in [0, 1])."""
+    return int((np.abs(pixels[..., :3].astype(int) - 255 * np.array(colour)).max(-1) < apart).sum())
+
+
+def test_an_mp4_holds_every_frame_in_the_stated_size_and_rate(tmp_path):
+    import av
+
+    one, told = swim(5), []
+    path = write_video([one], tmp_path / "x.mp4", SMALL, told.append)
+    with av.open(path) as file:
+        stream = file.streams.video[0]
+        decoded = [frame.to_ndarray(format="rgb24") for frame in file.decode(stream)]
+        assert (stream.width, stream.height, stream.average_rate) == (320, 180, 10)
+        assert stream.codec_context.name == "h264" and stream.pix_fmt == "yuv420p"
+    assert len(decoded) == num_frames([one], SMALL) == int(np.ceil((3.9 / 2 + 1) * 10)) + 1
+    drawn = next(frames([one], SMALL))[..., :3].astype(int)
+    assert np.abs(decoded[0].astype(int) - drawn).mean() < 4
+    assert np.abs(decoded[-1].astype(int) - decoded[0]).max() > 100
+    assert told[0] == 0 and max(told) < 1
+
+
+def test_a_gif_goes_round_for_ever_and_a_strip_shows_moments_side_by_side(tmp_path):
+    path = write_video([swim(3, times=9)], tmp_path / "x.gif", SMALL, quiet)
+    with Image.open(path) as image:
+        assert image.info["loop"] == 0 and image.info["duration"] == 100
+        assert image.n_frames == num_frames([swim(3, times=9)], SMALL)
+        assert len(image.convert("RGB").getcolors(10**6)) <= COLOURS
+    path = write_video([swim(3)], tmp_path / "x.png", Film(200, 100), quiet)
+    with Image.open(path) as image:
+        assert image.size == (6 * 200, 100)
+        strip = np.asarray(image)
+    assert not np.array_equal(strip[:, :200], strip[:, -200:])
+
+
+def test_every_unit_is_seen_in_the_colour_of_its_place_where_it_is():
+    one = swim(6)
+    picture = Picture([one], Film(960, 540))
+    scene = Scene(one, Box(0.0, 0.0, 960.0, 540.0), "")
+    for time in (0.0, 2.0):
+        pixels = picture.at(time)
+        index = round(time / one.dt)
+        for place, colour in zip(scene.at(one.unit_position[index]), place_colours(6), strict=True):
+            x, y = round(place[0]), 540 - round(place[1])
+            # the middle of a unit shines
+            assert near(pixels[y - 8 : y + 8, x - 8 : x + 8], colour + 0.18 * (1 - colour)) > 20
+
+
+def test_between_two_steps_a_unit_is_between_its_two_places():
+    def middle(time):
+        pixels = picture.at(time)
+        colour = place_colours(2)[0]
+        mask = np.abs(pixels[..., :3] - 255 * (colour + 0.18 * (1 - colour))).max(-1) < 12
+        return np.argwhere(mask).mean(axis=0)
+
+    # 2 cm per step, over few steps, so that a step is many pixels
+    picture = Picture([swim(2, times=6)], Film(640, 360))
+    start, half, end = middle(0.0), middle(0.05), middle(0.1)
+    np.testing.assert_allclose(half, (start + end) / 2, atol=1.0)
+    assert np.abs(end - start).max() > 10
+
+
+def test_the_same_scene_in_twice_the_pixels_is_the_same_scene_sharper():
+    one = swim(4)
+    small, large = (Picture([one], Film(k * 320, k * 180)).at(1.0) for k in (1, 2))
+    halved = large.reshape(180, 2, 320, 2, 4).mean(axis=(1, 3))
+    inside = (slice(50, 160), slice(10, 310))  # words have sizes of their own
+    assert np.abs(halved[inside] - small[inside].astype(float)).mean() < 3
+
+
+def test_jets_leave_opposite_to_the_push_and_grow_with_the_thrust():
+    position, angle = np.zeros((3, 2)), np.array([0.0, 0.0, np.pi / 2])
+    jets = jet_outlines(position, angle, np.array([1.0, -0.5, 1.0]))
+    assert jets[0, :, 1].min() < -0.09 and jets[0, :, 1].max() < 0
+    assert 0.05 < jets[1, :, 1].max() < 0.07 and jets[1, :, 1].min() > 0
+    assert jets[2, :, 0].max() > 0.09 and jets[2, :, 0].min() > 0
+
+
+def test_units_are_drawn_in_their_true_size_and_turned_with_their_angle():
+    boxes = unit_outlines(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([0.0, np.pi / 2]))
+    sizes = boxes.max(axis=1) - boxes.min(axis=1)
+    np.testing.assert_allclose(sizes, [[0.04, 0.05], [0.05, 0.04]], atol=1e-9)
+
+
+@pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5, -2.0])
+@pytest.mark.parametrize("box", [Box(10.0, 20.0, 640.0, 360.0), Box(0.0, 0.0, 200.0, 400.0)])
+def test_all_that_happens_is_within_the_rectangle(bearing, box):
+    one = swim(7, bearing)
+    points = Scene(one, box, "").at(np.vstack([one.unit_position.reshape(-1, 2), one.target]))
+    assert (points > [box.x, box.y]).all()
+    assert (points < [box.x + box.width, box.y + box.height]).all()
+
+
+@pytest.mark.parametrize("count", range(1, 10))
+def test_panels_fill_the_picture_without_overlap(count):
+    boxes = layout(count, SMALL)
+    assert len(boxes) == count
+    covered = np.zeros((180, 320), int)
+    for box in boxes:
+        rows = slice(round(box.y), round(box.y + box.height))
+        covered[rows, round(box.x) : round(box.x + box.width)] += 1
+    assert covered.max() == 1 and covered.mean() > 0.8
+
+
+def test_a_chain_that_never_moved_and_lengths_side_by_side_can_be_drawn(tmp_path):
+    still = made(np.zeros((1, 2, 2)), np.zeros((1, 2)), np.zeros((2, 2)), success=False)
+    assert write_video([still, swim(3)], tmp_path / "x.gif", SMALL, quiet).stat().st_size > 1000
+
+
+def test_drawing_needs_no_display_and_no_ffmpeg_of_the_system(tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert write_video([swim(2, times=3)], tmp_path / "x.mp4", SMALL, quiet).exists()
+
+
+@pytest.mark.parametrize(
+    ("film", "says"),
+    [
+        ({"width": 321}, "even number of pixels"), ({"height": 10_000}, "even number"),
+        ({"rate": 0.0}, "frame rate"), ({"speed": 0.0}, "speed must be"),
+        ({"speed": float("nan")}, "speed must be"),
+    ],
+)  # fmt: skip
+def test_a_film_that_cannot_be_is_refused(film, says):
+    with pytest.raises(InputError, match=says):
+        Film(**film)
+
+
+def test_an_unknown_suffix_is_refused_and_a_missing_pyav_named(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"\.mp4, \.gif or \.png"):
+        write_video([swim(2)], tmp_path / "x.avi", SMALL, quiet)
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(InputError, match=r"salpchain\[video\]"):
+        check_suffix(tmp_path / "x.mp4")
+    with pytest.raises(InputError, match="at least one"):
+        write_video([], tmp_path / "x.gif", SMALL, quiet)
+    assert list(tmp_path.iterdir()) == [] and set(DEFAULTS) == {".mp4", ".gif", ".png"}
+
+
+@pytest.mark.parametrize(("given", "bar"), [(0.13, 0.1), (0.2, 0.2), (4.9, 2), (12.0, 10)])
+def test_scale_bars_have_round_lengths(given, bar):
+    assert round_length(given) == pytest.approx(bar)
+
+
+def test_a_png_of_the_strip_is_whole(tmp_path):
+    path = write_video([swim(2, times=2)], tmp_path / "x.png", Film(1280, 720), quiet)
+    with Image.open(io.BytesIO(path.read_bytes())) as image:
+        assert image.size == (3 * 1280, 2 * 720)  # two lines where one would be too wide
