@@ -27,7 +27,8 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, greedy, or mpc (plans by sampling: slow)."""
+    """A run folder, a policy.safetensors, a released policy (see `salpchain models`), greedy, or
+    mpc (plans by sampling: slow)."""
     lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
     trials: Whole = "50"
@@ -82,8 +83,11 @@ def controller_of(name: str) -> "Controller":
         from salpchain.control.mpc import MPC
 
         return MPC()
-    if not Path(name).exists():
-        raise InputError(f"no such run folder or policy: {name} (a path, greedy, or mpc)")
+    from salpchain.control.released import released
+
+    if name not in released() and not Path(name).exists():
+        known = ", ".join([*released(), "greedy", "mpc"])
+        raise InputError(f"no such run folder or policy: {name} (a path, or one of {known})")
     from salpchain.control.storage import load
 
     return load(name)

@@ -8,10 +8,10 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Whole, number, text_option
+from salpchain.control.released import released
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
-from salpchain.web.released import released
 
 POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
 LOOPBACK = ("127.0.0.1", "localhost", "::1")

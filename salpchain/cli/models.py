@@ -1,22 +1,30 @@
 """`salpchain models`."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from salpchain.cli.options import Name, Whole, number
+import tyro
+
+from salpchain.cli.options import Name, Whole, number, text_option
 from salpchain.control.config import MODELS
+from salpchain.control.released import model_card, released
 from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
+from salpchain.errors import InputError
 
 
 @dataclass(frozen=True)
 class Models:
-    """List the controllers with their parameter counts.
+    """List the controllers with their parameter counts, and the policies that are released.
 
     The paper's count of a model belongs to training length 8, the observation table1, two actions
-    for each unit and one log-std for each action; that is what is counted here.
+    for each unit and one log-std for each action; that is what is counted here. With the name of a
+    released policy: its model card.
 
     Example: salpchain models --length 8
     """
 
+    policy: tyro.conf.Positional[Annotated[str, text_option("NAME")]] = ""
+    """A released policy whose model card to show."""
     length: Whole = "8"
     """Training length, which sets the number of log-stds."""
     observation: Name = "table1"
@@ -24,7 +32,10 @@ class Models:
 
 
 def run(options: Models) -> None:
-    """Prints a line for each model, and the greedy baseline."""
+    """Prints a line for each model, the hand-written controllers and each released policy."""
+    if options.policy:
+        print(_card(options.policy))
+        return
     length = check_length(number("length", options.length))
     one_of("observation", options.observation, OBSERVATION_SIZES)
     from salpchain.control.count import num_parameters
@@ -34,3 +45,22 @@ def run(options: Models) -> None:
     for model in MODELS:
         print(f"{model:<8} {num_parameters(model, inputs, length):>10,}")
     print(f"{'greedy':<8} {0:>10,}   hand-written, for any length")
+    print(f"{'mpc':<8} {0:>10,}   plans by sampling, slow, for any length")
+    print("\nreleased policies (salpchain models NAME shows the model card)")
+    for name in released():
+        print(f"{name:<14} {model_card(name)['about']}")
+
+
+def _card(name: str) -> str:
+    """The model card of a released policy as text."""
+    if name not in released():
+        raise InputError(f"no released policy {name!r}: choose one of {', '.join(released())}")
+    card = model_card(name)
+    lines = [f"{name}: {card['about']}", f"made by: {card['command']}"]
+    lines += [f"limits: {card['limits']}", f"licence: {card['licence']}"]
+    lines.append(f"measured: {card['trials']} episodes of each length, scaled time limit")
+    lines.append(f"{'units':>7} {'success %':>10} {'closed %':>9}")
+    for row in card["measured"]:
+        success, closed = 100 * row["success"], 100 * row["closed_fraction"]
+        lines.append(f"{row['length']:>7} {success:>10.1f} {closed:>9.1f}")
+    return "\n".join(lines)

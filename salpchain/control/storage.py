@@ -10,6 +10,7 @@ import jax.random as jr
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
+from salpchain.control.released import released
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import read_arrays, write_arrays
@@ -30,12 +31,14 @@ def save_policy(policy: Policy, path: Path) -> None:
 
 
 def load(source: str | Path) -> Policy:
-    """The policy in a file, or in the run folder of a training.
+    """A released policy by its name, or the policy in a file or in the run folder of a training.
 
     Raises:
-        InputError: no such file or folder; damaged, altered or from a newer version.
+        InputError: no such name, file or folder; damaged, altered or from a newer version.
     """
-    path = Path(source)
+    path = released().get(str(source), Path(source))
+    if not path.exists():
+        raise InputError(no_such_policy(str(source)))
     if path.is_dir():
         path = path / POLICY_FILE
         if not path.exists():
@@ -44,6 +47,12 @@ def load(source: str | Path) -> Policy:
     card = _card(header, path)
     network = from_arrays(network_shapes(card), arrays, str(path))
     return Policy(network, card)
+
+
+def no_such_policy(source: str) -> str:
+    """What to say where neither a name nor a path leads to a policy."""
+    names = ", ".join(released())
+    return f"no such run folder or policy: {source} (a path, or a released one: {names})"
 
 
 def network_shapes(card: PolicyCard) -> ActorCritic:

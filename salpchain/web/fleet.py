@@ -4,9 +4,9 @@ from pathlib import Path
 
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Controller
+from salpchain.control.released import released
 from salpchain.control.storage import POLICY_FILE, load
 from salpchain.errors import InputError
-from salpchain.web.released import released
 
 GREEDY = "greedy"
 BEST = ("any-length",)  # released policies that steer first if there are any, best first

@@ -1,0 +1,23 @@
+"""Policies that come with the package. Imports nothing heavy: the command line asks it."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from salpchain.files import read_json
+
+FOLDER = Path(str(files("salpchain"))) / "policies"
+
+
+def released() -> dict[str, Path]:
+    """The files of released policies by name."""
+    return {path.stem: path for path in sorted(FOLDER.glob("*.safetensors"))}
+
+
+def model_card(name: str) -> dict[str, Any]:
+    """What is told of a released policy: how it was trained, and what was measured with it.
+
+    `about`, `command` (that made it), `licence`, `limits`, and `measured`: for each length the
+    success and closed fraction (shares) over `trials` episodes.
+    """
+    return read_json(FOLDER / f"{name}.json")
