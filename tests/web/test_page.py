@@ -1,5 +1,7 @@
 """The live page in a real browser, as a person uses it: one server, one browser for all."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -239,8 +241,9 @@ def test_a_server_that_goes_away_is_named_and_found_again(browser):
         page = context.new_page()
         page.goto(address)
         until(page, "live.connected && live.chains.length")
-        process.terminate()
-        process.wait(timeout=20)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=20)[1]
+        assert (process.returncode, said.strip()) == (130, "salpchain: interrupted")
         until(page, "document.getElementById('banner').textContent.includes('gone away')")
         assert page.is_visible("#banner")
         shoot(page, "live-away")
