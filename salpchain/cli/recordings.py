@@ -1,6 +1,7 @@
 """What the commands that show swims read: policies to be recorded, or recorded trajectories."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,17 +41,29 @@ def trajectories(
     for controller in controllers.values():
         for length in wanted:
             controller.card.check_serves(length)
-    swims: list[Trajectory] = []
+    swims: list[tuple[str, Trajectory]] = []
     for source in sources:
         if source in files:
-            swims.append(files[source])
+            swims.append((source, files[source]))
             continue
         from salpchain.evaluation.recording import record
         from salpchain.training.devices import use_devices
 
         use_devices()
-        swims += record(controllers[source], wanted, time_limit, start, which)
-    return swims
+        made = record(controllers[source], wanted, time_limit, start, which)
+        swims += [(source, swim) for swim in made]
+    return _told_apart(swims)
+
+
+def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]:
+    """The swims; by their sources' names where policies of one name come from several."""
+    sources: dict[str, set[str]] = {}
+    for source, swim in swims:
+        sources.setdefault(swim.policy, set()).add(source)
+    return [
+        replace(swim, policy=source) if len(sources[swim.policy]) > 1 else swim
+        for source, swim in swims
+    ]
 
 
 def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:

@@ -18,7 +18,7 @@ from matplotlib.patches import FancyBboxPatch
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.files import write_bytes
-from salpchain.physics.chain import Physics
+from salpchain.report.shapes import REACHED, length_name, round_length, unit_outlines
 
 WIDTH = 10.0  # inches, of the picture
 GAP = 0.12  # inches, between panels
@@ -26,7 +26,6 @@ HEADER, FOOTER = 0.5, 0.2  # inches, above and below the swim in each panel
 WATER, INK, FAINT = "#0d2438", "#f2f6fa", "#8fa9bf"
 PLACES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.34, 1.0, 256)))
 POSES = 5  # shown between the first and the last (chosen)
-REACHED = 0.0513  # m, half the width of the target's band: the goal's distance
 SHAPES = (0.62, 2.6)  # lowest and highest width of a swim for its height
 
 Points = Float[np.ndarray, "point 2"]
@@ -177,7 +176,7 @@ def _draw_chain(
     link = max(0.012 / point, 0.5)
     alpha = max(strength, 0.35)
     panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
-    boxes = _boxes(position, angle)
+    boxes = unit_outlines(position, angle)
     if strength == 0:
         edge = {"facecolors": WATER, "edgecolors": FAINT, "linewidths": max(0.004 / point, 0.3)}
     elif strength < 1:
@@ -189,19 +188,6 @@ def _draw_chain(
 
 def _colours(count: int) -> Float[np.ndarray, "unit 4"]:
     return np.asarray(PLACES(np.linspace(0, 1, count)))
-
-
-def _boxes(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "unit k 2"]:
-    """Outlines of units with rounded corners (m)."""
-    physics, radius = Physics(), 0.012
-    quarter = np.linspace(0, np.pi / 2, 5)
-    bow = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
-    signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], 5, axis=0)
-    half = np.array([physics.unit_length, physics.unit_width]) / 2 - radius
-    outline = signs * half + radius * np.column_stack([np.cos(bow), np.sin(bow)])
-    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    x, y = outline.T
-    return position[:, None] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _draw_words(
@@ -216,16 +202,10 @@ def _draw_words(
     title = f"{swim.length} units"
     panel.text(left, 1 - 0.22 / height, title, color=INK, size=11, weight="bold", **text)
     panel.text(left, 1 - 0.42 / height, words, color=FAINT, size=8, **text)
-    bar = _round_length(view.size[0] / 5)
+    bar = round_length(view.size[0] / 5)
     right, low = view.low[0] + view.size[0] - 11 * point, view.low[1] - 4 * point
     panel.plot([right - bar, right], [low, low], color=INK, linewidth=1.4, zorder=9)
-    name = f"{bar:g} m" if bar >= 1 else f"{100 * bar:.0f} cm"
+    name = length_name(bar)
     panel.text(
         right - bar - 4 * point, low, name, color=INK, size=7.5, ha="right", va="center", zorder=9
     )
-
-
-def _round_length(length: float) -> float:
-    """The largest of 1, 2 or 5 times a power of ten that is not longer."""
-    power = 10.0 ** np.floor(np.log10(length))
-    return float(power * max(k for k in (1, 2, 5) if k * power <= length * (1 + 1e-9)))

@@ -51,6 +51,7 @@ class World:
         target = random_target(self._dice, length, np.zeros(2))
         angle = self._dice.uniform(0, 2 * np.pi)
         one = swimmer.straight(self._new_name(), length, np.zeros(2), angle, target)
+        one = swimmer.aimed(one, nearer_way_round(target, one.units[:, :2]))
         self.swimmers, self._kicks, self.time = [one], [], 0
         self.epoch += 1
 

@@ -247,11 +247,15 @@ def test_a_swim_is_recorded_once_and_shown_three_ways(tmp_path, capsys):
     clash = ["video", "--compare", str(npz), str(other), "--out", str(tmp_path / "no.gif")]
     assert run(clash) == 2
     assert "needs swims of the same episode" in capsys.readouterr().err
+    both = tmp_path / "both.html"
+    assert run(["replay", str(npz), str(other), "--out", str(both)]) == 0
+    for source in (npz, other):  # both are greedy's: files tell them apart
+        assert f'"policy": "{source}"' in both.read_text()
     npz.write_bytes(npz.read_bytes()[:1000])
     assert run(["replay", str(npz), "--out", str(tmp_path / "no.html")]) == 2
     assert "cut short" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {
-        "swim.npz", "other.npz", "video.gif", "replay.html",
+        "swim.npz", "other.npz", "video.gif", "replay.html", "both.html",
     }  # fmt: skip
 
 

@@ -202,5 +202,5 @@ def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
     for swim in together:
         (alone,) = record(Greedy(), [swim.length], "fixed", SEED)
         # not longer: joints that switch on and off make millimetres of the last digit in a second
-        np.testing.assert_allclose(swim.unit_position[:8], alone.positions[:8], atol=1e-3)
+        np.testing.assert_allclose(swim.unit_position[:8], alone.unit_position[:8], atol=1e-3)
         np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)

@@ -37,20 +37,6 @@ def test_all_swims_are_shown_once_and_in_order():
         assert [view.swim.length for line in lines for view in line] == [4, 8, 16, 32, 64]
 
 
-def test_units_are_drawn_in_their_true_size_and_turned_with_their_angle():
-    boxes = module._boxes(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([0.0, np.pi / 2]))
-    sizes = boxes.max(axis=1) - boxes.min(axis=1)
-    np.testing.assert_allclose(sizes, [[0.04, 0.05], [0.05, 0.04]], atol=1e-9)
-    np.testing.assert_allclose(boxes.mean(axis=1), [[1.0, 2.0], [0.0, 0.0]], atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("given", "bar"), [(0.13, 0.1), (0.2, 0.2), (0.9, 0.5), (4.9, 2), (12.0, 10)]
-)
-def test_scale_bars_have_round_lengths(given, bar):
-    assert module._round_length(given) == pytest.approx(bar)
-
-
 def test_poses_shown_are_equal_parts_of_the_way():
     still_first = np.concatenate([np.zeros((30, 2, 2)), swim(2).unit_position])
     times = [time for time, _ in module._moments(still_first)]

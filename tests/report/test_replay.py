@@ -139,24 +139,22 @@ def test_wheel_drag_scrub_and_curves_obey_the_mouse(browser, places):
 
 
 def test_what_is_drawn_are_the_units_where_the_trajectory_has_them(browser, places):
-    """Pixels under the first and the last unit have the colours of their places."""
-    with watched(browser, places["one"]) as page:
-        page.keyboard.press("Home")
-        page.keyboard.press("Space") if page.inner_text("#play") == "Pause" else None
-        page.keyboard.press("Home")
-        page.evaluate(
-            "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-        )
+    """Pixels where the first and the last unit start have the colours of their places."""
+    with watched(browser, places["one"], reduced_motion="reduce") as page:
+        until(page, "replay.swims[0].camera.box[2] > 1")
+        page.evaluate(FRAMES)
+        start = swim(6, times=60).unit_position[0]
         for unit, expected in ((0, (0x22, 0xC3, 0xD6)), (5, (0xF7, 0x60, 0x9F))):
-            seen = page.evaluate(
-                """(i) => {
-                const s = replay.swims[0], [x, y] = s.camera.toScreen(s.x(0, i), s.y(0, i));
-                const c = document.getElementById('water').getContext('2d');
-                return [...c.getImageData(x + 4, y + 4, 1, 1).data];
-            }""",
-                unit,
-            )
+            seen = page.evaluate(PIXEL, start[unit].tolist())
             assert np.abs(np.array(seen[:3]) - expected).max() < 60
+
+
+FRAMES = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+PIXEL = """(place) => {
+    const [x, y] = replay.swims[0].camera.toScreen(...place);
+    const water = document.getElementById('water').getContext('2d');
+    return [...water.getImageData(x + 4, y + 4, 1, 1).data];
+}"""
 
 
 def test_two_swims_side_by_side_on_a_phone_in_light(browser, places):

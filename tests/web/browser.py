@@ -1,6 +1,5 @@
 """Chromium of the system, driven by Playwright, and a server of ours for it."""
 
-import os
 import re
 import shutil
 import subprocess
@@ -74,7 +73,7 @@ def shoot(page, name):
 def live_server(*words, port=0):
     """`salpchain live` in a process of its own; gives its address."""
     command = [sys.executable, "-m", "salpchain.cli.main", "live", "--port", str(port), *words]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=os.environ)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         line = process.stdout.readline()
         yield re.search(r"http://\S+", line)[0], process

@@ -1,5 +1,7 @@
 """The live page in a real browser, as a person uses it: one server, one browser for all."""
 
+import signal
+
 import numpy as np
 import pytest
 
@@ -131,22 +133,30 @@ def test_a_cut_makes_two_chains_with_targets_of_their_own_and_join_makes_one_aga
     )
     page.mouse.click(*on_screen(page, link))
     until(page, "live.chains.length === 2")
-    assert (
-        page.evaluate("live.chains.map((c) => [c.units.length, c.target.length])") == [[4, 4]] * 2
-    )
+    lengths = "live.chains.map((c) => [c.units.length, c.target.length])"
+    assert page.evaluate(lengths) == [[4, 4], [4, 4]]
+    page.click("#join")
+    until(page, "live.chains.length === 1")
+    assert page.evaluate(lengths) == [[8, 8]]
+    page.evaluate("live.send('cut', {chain: live.chains[0].name, link: 3})")
+    until(page, "live.chains.length === 2")
     page.evaluate("live.send('pause', {on: false})")
     # each chain is steered by itself: only the one whose target moves away follows
     page.evaluate("live.send('place', {chain: live.chains[1].name, x: 1, y: 1, turn: 0})")
     until(page, "live.chains[1].distance > 0.5")
     page.wait_for_timeout(500)
     shoot(page, "live-cut")
-    page.evaluate("live.send('pause', {on: true})")
     page.click("[data-tool=target]")
-    page.click("#join")
-    page.wait_for_timeout(300)
-    apart = page.evaluate("live.chains.length") == 2
-    if apart:  # they swam too far from each other, and the page says so
-        assert "bring them within" in page.inner_text("#toast")
+    page.evaluate("live.send('push', {chain: live.chains[1].name, unit: 0, x: 3, y: 3})")
+    until(
+        page,
+        """Math.min(...[0, 3].flatMap((i) => [0, 3].map((j) => Math.hypot(
+        live.chains[0].units[i][0] - live.chains[1].units[j][0],
+        live.chains[0].units[i][1] - live.chains[1].units[j][1])))) > 0.4""",
+    )
+    page.click("#join")  # now they are too far from each other, and the page says so
+    until(page, "document.getElementById('toast').textContent.includes('bring them within')")
+    assert page.evaluate("live.chains.length") == 2
 
 
 def test_push_thruster_and_current_by_mouse(page):
@@ -239,8 +249,9 @@ def test_a_server_that_goes_away_is_named_and_found_again(browser):
         page = context.new_page()
         page.goto(address)
         until(page, "live.connected && live.chains.length")
-        process.terminate()
-        process.wait(timeout=20)
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=20)[1]
+        assert (process.returncode, said.strip()) == (130, "salpchain: interrupted")
         until(page, "document.getElementById('banner').textContent.includes('gone away')")
         assert page.is_visible("#banner")
         shoot(page, "live-away")

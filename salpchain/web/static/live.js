@@ -269,8 +269,22 @@
     if (!live.sketch) return;
     const look = Salp.theme(), { points } = live.sketch;
     Salp.trace(ctx, live.camera, points);
-    Salp.stroke(ctx, look.ink, 3);
+    Salp.stroke(ctx, live.sketch.arrow ? look.ink : look.faint, live.sketch.arrow ? 3 : 1.5);
+    if (!live.sketch.arrow) {
+      Salp.trace(ctx, live.camera, asLongAs(points, Salp.LINK * ((live.chosen()?.units.length ?? 1) - 1)));
+      Salp.stroke(ctx, look.ink, 4);
+    }
     if (live.sketch.arrow) arrowHead(points[0], points[1], look.ink);
+  }
+
+  // The first part of a line: as much of it as a chain can take.
+  function asLongAs(points, most) {
+    let way = 0;
+    const end = points.findIndex(([x, y], i) => {
+      if (i) way += Math.hypot(x - points[i - 1][0], y - points[i - 1][1]);
+      return way > most;
+    });
+    return end < 0 ? points : points.slice(0, Math.max(end, 2));
   }
 
   function arrowHead(from, to, colour) {

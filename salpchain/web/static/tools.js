@@ -4,7 +4,7 @@ const Tools = (() => {
   const LINK = Salp.LINK, NEAR = 26; // pixels that a finger may miss by
   const HINTS = {
     target: "Drag the ghosts to move the target, the knob to turn it",
-    draw: "Draw the shape that the chain shall take",
+    draw: "Draw the shape that the chain shall take: it is as long as the thick part",
     cut: "Tap a link to cut it",
     push: "Drag away from a unit to push it",
     thruster: "Tap a unit to turn its thruster off or on",
