@@ -2,7 +2,8 @@
 
 import functools
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,7 +13,7 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.domain.config import TaskConfig, check_seed
+from salpchain.domain.config import TaskConfig, check_seed, one_of
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
 
@@ -101,7 +102,6 @@ class Batch:
         self.states: State | None = None
         self._programs = programs(config)
         self._step = self._programs.step if renew else self._programs.advance
-        self._key: Array | None = None
 
     @property
     def observation_shape(self) -> tuple[int, int]:
@@ -113,19 +113,29 @@ class Batch:
         """(unit, act), of one chain."""
         return self.config.length, self.env.action_size
 
-    def reset(self, seed: int | None = None) -> Float[Array, "env unit feature"]:
+    def reset(self, seed: int | Sequence[int] | None = None) -> Float[Array, "env unit feature"]:
         """Observations of new episodes of all chains; the same seed gives the same episodes.
 
-        Without a seed, what follows from the last one given, or chance if there was none.
+        With one seed, chain i starts from seed + i; without any, from where its episodes have
+        led, or by chance if it had none.
 
         Raises:
-            InputError: a seed that cannot be.
+            InputError: a seed that cannot be, or not one for each chain.
         """
-        if seed is not None or self._key is None:
-            self._key = jr.key(secrets.randbits(32) if seed is None else _seed(seed))
-        self._key, keys_key = jr.split(self._key)
-        self.states = self._programs.reset(jr.split(keys_key, self.num_envs))
+        if seed is None and self.states is not None:
+            keys = self.states.key
+        else:
+            keys = jax.vmap(jr.key)(self._seeds(seed))
+        self.states = self._programs.reset(keys)
         return self.states.obs
+
+    def _seeds(self, seed: int | Sequence[int] | None) -> np.ndarray:
+        first = secrets.randbits(32) if seed is None else seed
+        if isinstance(first, Sequence):
+            if len(first) != self.num_envs:
+                raise InputError(f"seeds must be {self.num_envs}, got {len(first)}")
+            return np.array([_seed(each) for each in first], np.uint32)
+        return ((_seed(first) + np.arange(self.num_envs)) % 2**32).astype(np.uint32)
 
     def reset_some(self, flags: Bool[Any, " env"]) -> Float[Array, "env unit feature"]:
         """Observations, after new episodes of the flagged chains alone.
@@ -166,6 +176,17 @@ class Batch:
         if self.states is None:
             raise InputError("the environment was never reset: call reset() before step()")
         return self.states
+
+
+def task_of(settings: dict[str, Any]) -> TaskConfig:
+    """The task with these settings, by the names of `TaskConfig`.
+
+    Raises:
+        InputError: an unknown setting, or one that cannot be.
+    """
+    for name in settings:
+        one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
+    return TaskConfig(**settings)
 
 
 def _seed(seed: Any) -> int:

@@ -6,7 +6,7 @@ import pytest
 
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
-from salpchain.interop.batch import Batch
+from salpchain.interop.batch import Batch, task_of
 from salpchain.interop.extras import need
 
 CONFIG = TaskConfig(length=2, contact=False)
@@ -64,6 +64,7 @@ def test_the_same_seed_gives_the_same_episodes_and_none_goes_on_from_the_last(ba
     second = np.asarray(batch.reset())
     np.testing.assert_array_equal(batch.reset(seed=5), first)
     np.testing.assert_array_equal(batch.reset(), second)
+    np.testing.assert_array_equal(batch.reset(seed=[6, 7, 8, 9])[:3], first[1:])
     assert not np.array_equal(first, second)
 
 
@@ -90,9 +91,13 @@ def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
         Batch(CONFIG, 0)
     with pytest.raises(InputError, match="seed must be"):
         Batch(CONFIG, ENVS).reset(seed=-1)
+    with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
+        task_of({"lenght": 8})
+    batch = Batch(CONFIG, ENVS)
+    with pytest.raises(InputError, match="seeds must be 4, got 2"):
+        batch.reset([0, 1])
+    batch.reset(0)
     with pytest.raises(InputError, match="4 booleans"):
-        batch = Batch(CONFIG, ENVS)
-        batch.reset(0)
         batch.reset_some(np.ones(3, bool))
 
 
