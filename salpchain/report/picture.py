@@ -177,7 +177,7 @@ def _draw_chain(
     link = max(0.012 / point, 0.5)
     alpha = max(strength, 0.35)
     panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
-    boxes = _boxes(position, angle)
+    boxes = outlines(position, angle)
     if strength == 0:
         edge = {"facecolors": WATER, "edgecolors": FAINT, "linewidths": max(0.004 / point, 0.3)}
     elif strength < 1:
@@ -191,7 +191,7 @@ def _colours(count: int) -> Float[np.ndarray, "unit 4"]:
     return np.asarray(PLACES(np.linspace(0, 1, count)))
 
 
-def _boxes(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "unit k 2"]:
+def outlines(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "unit k 2"]:
     """Outlines of units with rounded corners (m)."""
     physics, radius = Physics(), 0.012
     quarter = np.linspace(0, np.pi / 2, 5)
