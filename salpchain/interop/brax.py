@@ -4,6 +4,7 @@ Importing this module gives JAX `device_put_replicated` where it has been remove
 0.14's trainers call it.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -43,13 +44,14 @@ class SalpBraxEnv(base.Env):
         """A new episode; `pipeline_state` is ours."""
         if not jnp.issubdtype(rng.dtype, jax.dtypes.prng_key):
             rng = jax.random.wrap_key_data(rng)
-        return _in_brax(self.scld.reset(rng), {})
+        return _in_brax(self.scld.reset(rng))
 
     def step(self, state: base.State, action: Float[Array, " act"]) -> base.State:
         """The episode one control step (0.1 s) later."""
         before: Any = state.pipeline_state
-        after = self.scld.step(before, action.reshape(-1, self.scld.action_size))
-        return _in_brax(after, state.info)
+        new = _in_brax(self.scld.step(before, action.reshape(-1, self.scld.action_size)))
+        metrics = {**state.metrics, **new.metrics}  # trainers add some of their own
+        return replace(new, metrics=metrics, info=state.info)
 
     @property
     def episode_length(self) -> int:
@@ -72,7 +74,7 @@ class SalpBraxEnv(base.Env):
         return "salpchain"
 
 
-def _in_brax(state: State, info: dict[str, Any]) -> base.State:
+def _in_brax(state: State) -> base.State:
     """Done is a true end alone; the time limit is left to Brax's `EpisodeWrapper`."""
     number = state.reward.dtype
     return base.State(
@@ -85,7 +87,6 @@ def _in_brax(state: State, info: dict[str, Any]) -> base.State:
             "closed_fraction": state.closed_fraction,
             "goal": state.goal.astype(number),
         },
-        info=info,
     )
 
 
@@ -96,13 +97,15 @@ class Renewing(base.Wrapper):
         """One control step of every chain; `done` tells whose episode ended in it."""
         steps = jnp.where(state.done, 0, state.info["steps"])
         state.info.update(steps=steps)
-        state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)
+        state = self.env.step(replace(state, done=jnp.zeros_like(state.done)), action)
         fresh = self._renewed(state.pipeline_state, state.done > 0)
-        return state.replace(pipeline_state=fresh, obs=fresh.obs.reshape(state.obs.shape))
+        obs = fresh.obs.reshape(fresh.obs.shape[0], -1)
+        return replace(state, pipeline_state=fresh, obs=obs)
 
     def _renewed(self, states: Any, done: Array) -> State:
+        env: Any = self.unwrapped
         ends = lambda states: (states.terminated, states.truncated)  # noqa: E731
-        return renew_done(self.unwrapped.scld, eqx.tree_at(ends, states, (done, done)))
+        return renew_done(env.scld, eqx.tree_at(ends, states, (done, done)))
 
 
 def wrap(
@@ -114,7 +117,7 @@ def wrap(
     )
 
 
-def _put_replicated(tree: Any, devices: list[jax.Device]) -> Any:
+def _put_replicated(tree: Any, devices: list[Any]) -> Any:
     """The tree with a leading axis of devices, a copy on each: what JAX's function did."""
     spread = NamedSharding(Mesh(np.array(devices), ("device",)), PartitionSpec("device"))
 

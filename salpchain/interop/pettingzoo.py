@@ -13,7 +13,7 @@ need("gymnasium", "pettingzoo")
 need("pettingzoo", "pettingzoo")
 
 import jax
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Space
 from pettingzoo import ParallelEnv
 
 Of = dict[str, Any]  # by the name of an agent
@@ -52,11 +52,11 @@ class SalpParallelEnv(ParallelEnv):
     def _each(self, make: Any) -> Of:
         return {agent: make() for agent in self.possible_agents}
 
-    def observation_space(self, agent: str) -> Box:
+    def observation_space(self, agent: str) -> Space:
         """What a unit may observe."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> Box:
+    def action_space(self, agent: str) -> Space:
         """What a unit may do."""
         return self.action_spaces[agent]
 
