@@ -11,6 +11,7 @@ import salpchain.interop.gymnasium as bridge
 from salpchain.errors import InputError
 
 TASK = {"length": 2, "contact": False}
+ENVS = 4  # as in `test_batch`: the same compiled program
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -39,9 +40,9 @@ def last_step(env, which):
 
 def test_the_vector_env_gives_what_gymnasiums_own_one_of_single_envs_gives():
     """Also the layout of `info` where an episode ends, which Gymnasium's own one defines."""
-    ours = gymnasium.make_vec(bridge.ID, num_envs=3, **TASK)
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
     assert isinstance(ours.unwrapped, bridge.SalpVectorEnv)
-    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * 3
+    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
     theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
     np.testing.assert_array_equal(ours.reset(seed=7)[0], theirs.reset(seed=7)[0])
     last_step(ours, 1)
@@ -54,14 +55,14 @@ def test_the_vector_env_gives_what_gymnasiums_own_one_of_single_envs_gives():
 
 
 def test_infos_have_the_layout_of_gymnasium():
-    ours = gymnasium.make_vec(bridge.ID, num_envs=2, **TASK)
-    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * 2
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
     theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
     for env in (ours, theirs):
         env.reset(seed=3)
     last_step(ours, 1)
     last_step(theirs.envs[1], 0)
-    actions = np.full((2, 2, 1), 0.5, np.float32)
+    actions = np.full((ENVS, 2, 1), 0.5, np.float32)
     one, other = ours.step(actions)[4], theirs.step(actions)[4]
     assert one["final_obs"][0] is None and other["final_obs"][0] is None
     np.testing.assert_allclose(one.pop("final_obs")[1], other.pop("final_obs")[1], atol=1e-6)
@@ -83,19 +84,19 @@ def test_pictures_show_the_chain_in_its_colours():
     frame = env.render()
     assert frame.shape == (480, 480, 3) and frame.dtype == np.uint8
     assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 10
-    vector = gymnasium.make_vec(bridge.ID, num_envs=2, render_mode="rgb_array", **TASK)
+    vector = gymnasium.make_vec(bridge.ID, num_envs=ENVS, render_mode="rgb_array", **TASK)
     vector.reset(seed=0)
     np.testing.assert_array_equal(vector.render()[0], frame)
 
 
 def test_bad_input_is_named():
-    env = gymnasium.make_vec(bridge.ID, num_envs=2, **TASK)
+    env = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
     with pytest.raises(InputError, match="never reset"):
-        env.step(np.zeros((2, 2, 1), np.float32))
+        env.step(np.zeros((ENVS, 2, 1), np.float32))
     env.reset(seed=0)
     with pytest.raises(InputError, match="environment 1 holds nan"):
-        env.step(np.array([[[0.0], [0.0]], [[0.0], [np.nan]]]))
+        env.step(np.where(np.arange(ENVS)[:, None, None] == 1, np.nan, np.zeros((ENVS, 2, 1))))
     with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
         gymnasium.make(bridge.ID, lenght=8)
     with pytest.raises(InputError, match="unknown render mode"):
-        gymnasium.make_vec(bridge.ID, num_envs=2, render_mode="human", **TASK)
+        gymnasium.make_vec(bridge.ID, num_envs=ENVS, render_mode="human", **TASK)

@@ -27,17 +27,25 @@ def observed(batch, units, observation="body"):
     return np.random.default_rng(units).normal(size=shape).astype(np.float32)
 
 
+def actions_at_all(policy, lengths):
+    """By JAX, clipped, of `observed(1, length)` for each length; all in one program with masks."""
+    slots = max(lengths)
+    obs = np.stack([np.pad(observed(1, n)[0], ((0, slots - n), (0, 0))) for n in lengths])
+    present = np.arange(slots) < np.array(lengths)[:, None]
+    acted = jax.jit(jax.vmap(policy.network.act))(obs, present, present[:, 1:])
+    return [np.clip(row[:n], -1, 1) for row, n in zip(acted, lengths, strict=True)]
+
+
 @pytest.mark.parametrize(("model", "graph"), GRAPH_POLICIES)
 def test_onnxruntime_acts_as_jax_does_at_every_length(model, graph, tmp_path):
-    policy = fresh(model, graph)
+    policy, lengths = fresh(model, graph), (2, 5, 8, 64, 128)
     export_onnx(policy, tmp_path / "policy.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
-    for batch, units in ((1, 2), (3, 5), (1, 8), (2, 64), (1, 128)):
-        obs = observed(batch, units)
-        action, thrust = session.run(["action", "thrust"], {"observation": obs})
-        expected = actions(policy, obs)
-        np.testing.assert_allclose(action, expected, atol=1e-5)
-        np.testing.assert_allclose(thrust, expected[..., 0], atol=1e-5)
+    for units, expected in zip(lengths, actions_at_all(policy, lengths), strict=True):
+        two = np.concatenate([np.zeros((1, units, 22), np.float32), observed(1, units)])
+        action, thrust = session.run(["action", "thrust"], {"observation": two})
+        np.testing.assert_allclose(action[1], expected, atol=1e-5)
+        np.testing.assert_allclose(thrust[1], expected[:, 0], atol=1e-5)
     if graph == "mixed":
         assert np.abs(expected).max() == 1 and (np.abs(expected) < 1).any()
 
