@@ -12,7 +12,8 @@ ROOMS = ["physics", "domain", "control", "training", "evaluation", "report", "in
 ROOMS += ["cluster", "cli"]
 GROUND = {"errors", "files", "machine", "trees", "xla"}  # files at the bottom, importable by all
 FILES = sorted(PACKAGE.rglob("*.py"))
-OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "ray", "brax", "starlette"}
+OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
+OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}
 OPTIONAL |= {"uvicorn", "websockets", "msgspec", "av", "playwright", "PIL"}
 
 

@@ -18,6 +18,7 @@ COMMANDS = {
     "train": ("Train", "train one controller on chains of one or many lengths"),
     "evaluate": ("Evaluate", "test a policy, unchanged, on chains of many lengths"),
     "figure": ("Figure", "draw learning curves or zero-shot curves"),
+    "export": ("Export", "write a policy as one file for ONNX runtimes or PyTorch"),
     "models": ("Models", "list the controllers and their parameter counts"),
     "bench": ("Bench", "measure the speed of physics and environment on this machine"),
     "reproduce": ("Reproduce", "repeat the paper: the whole study, its figures and a report"),

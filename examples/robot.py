@@ -1,0 +1,72 @@
+"""The robot's side of a policy: NumPy and onnxruntime, no JAX. `thrusts` is all that a loop needs.
+
+python examples/robot.py POLICY.onnx
+
+Units of a chain are numbered along it. Positions in metres, velocities in metres a second, angles
+in radians and anticlockwise, all in one fixed frame of your choice, such as that of a camera: the
+policy sees nothing of where its origin is or how it is turned. A unit's angle is that of its axis
+along the chain; it pushes along its heading, 90 degrees anticlockwise of that, in newton.
+"""
+
+import sys
+from typing import Any
+
+import numpy as np
+import onnxruntime
+
+LINK = 0.07  # m, between neighbouring units
+
+
+def body_observation(
+    position: np.ndarray,  # (n, 2) m
+    angle: np.ndarray,  # (n,) rad
+    velocity: np.ndarray,  # (n, 2) m/s
+    angular_velocity: np.ndarray,  # (n,) rad/s
+    target: np.ndarray,  # (n, 2) m, one point for each unit
+) -> np.ndarray:
+    """The observation `body` of every unit, (n, 22): every vector in the unit's own axes."""
+    axis = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    heading = np.stack([-axis[:, 1], axis[:, 0]], axis=1)
+    error, beside = target - position, position - position.mean(axis=0)
+    far = np.hypot(*error.T)[:, None]
+    vectors = [
+        5 * velocity,
+        *neighbours(position),
+        *neighbours(target),
+        error / (far + 0.01),
+        np.broadcast_to(5 * velocity.mean(axis=0), error.shape),
+        beside / (np.sqrt((beside**2).sum(axis=1).mean()) + 0.01),
+        error,
+        np.broadcast_to(target.mean(axis=0) - position.mean(axis=0), error.shape),
+    ]
+    own = [(vector * side).sum(axis=1) for vector in vectors for side in (axis, heading)]
+    own[-4:] = [np.sign(x) * np.log1p(5 * np.abs(x)) for x in own[-4:]]
+    place = np.linspace(-1, 1, len(angle))
+    return np.stack([*own, angular_velocity / 3, place], axis=1).astype(np.float32)
+
+
+def neighbours(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From each point to the previous and to the next, in links; zero at the ends."""
+    steps, none = np.diff(points, axis=0) / LINK, np.zeros((1, 2))
+    return np.concatenate([none, -steps]), np.concatenate([steps, none])
+
+
+def thrusts(session: Any, *poses: np.ndarray) -> np.ndarray:
+    """Thrust (n,) in newton of every unit along its heading, for the next 0.1 s.
+
+    Args:
+        session: of onnxruntime, of a policy whose observation is `body`.
+        *poses: what `body_observation` takes.
+    """
+    return session.run(["thrust"], {"observation": body_observation(*poses)[None]})[0][0]
+
+
+def main() -> None:
+    """Ten times a second: read poses, send thrusts. Here a chain of 8 units that stands still."""
+    session = onnxruntime.InferenceSession(sys.argv[1])
+    place, still = np.arange(8)[:, None] * [LINK, 0.0], np.zeros(8)
+    print(thrusts(session, place, still, np.zeros((8, 2)), still, place + np.array([0.5, 0.5])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""`salpchain export`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from salpchain.cli.options import Name, text_option
+from salpchain.domain.config import one_of
+from salpchain.errors import InputError
+
+FORMATS = {"onnx": ".onnx", "torch": ".safetensors"}
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a policy as one file that runs without JAX.
+
+    onnx: any ONNX runtime runs it (extra onnx). torch: a plain PyTorch module, read by
+    salpchain.interop.network.load_torch (extra torch). Both take any number of chains and units,
+    clip inside, and say what each number of the observation is.
+
+    Example: salpchain export runs/eight --format onnx --out eight.onnx
+    """
+
+    policy: tyro.conf.Positional[Annotated[str, text_option("POLICY")]] = ""
+    """A run folder, or a policy.safetensors."""
+    format: Name = "onnx"
+    """onnx or torch."""
+    out: Annotated[str, text_option("FILE")] = ""
+    """The file. Default: the policy's name in the working folder."""
+
+
+def run(options: Export) -> None:
+    """Writes the file."""
+    one_of("format", options.format, FORMATS)
+    if not options.policy:
+        raise InputError("salpchain export needs a policy: a run folder or a policy.safetensors")
+    from salpchain.control.storage import load
+    from salpchain.interop.export import export
+
+    policy = load(options.policy)
+    suffix = FORMATS[options.format]
+    out = Path(options.out or f"{policy.card.name}{suffix}")
+    if out.suffix != suffix:
+        raise InputError(f"--out must end in {suffix} for --format {options.format}, got {out}")
+    if out.exists() and out.resolve() in _of(Path(options.policy)):
+        raise InputError(f"--out {out} is the policy itself: choose another file")
+    export(policy, out, options.format)
+    print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
+
+
+def _of(policy: Path) -> list[Path]:
+    return [policy.resolve(), (policy / "policy.safetensors").resolve()]

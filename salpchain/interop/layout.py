@@ -1,0 +1,103 @@
+"""What each number of an observation is: name, unit, frame; for those who build it themselves.
+
+`domain/observation.py` computes the numbers, in this order.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+
+from salpchain.control.policy import PolicyCard
+
+CONTROL_STEP = 0.1  # s
+UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)
+WORLD = "world"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One number that a unit observes."""
+
+    name: str
+    unit: str  # of the number as given, scale included
+    frame: str  # unit, world, or none for what has no direction
+
+
+def _vector(name: str, unit: str, frame: str) -> tuple[Field, Field]:
+    first, second = ("along", "heading") if frame == UNIT_AXES else ("x", "y")
+    return Field(f"{name} {first}", unit, frame), Field(f"{name} {second}", unit, frame)
+
+
+def _vectors(frame: str, *named: tuple[str, str]) -> tuple[Field, ...]:
+    return tuple(field for name, unit in named for field in _vector(name, unit, frame))
+
+
+COMPRESSED = "sign(x) log(1 + 5 |x|) of metres"
+SPREAD = "of the root mean square distance of units to their centroid + 0.01 m"
+
+LAYOUTS: dict[str, tuple[Field, ...]] = {
+    "body": (
+        *_vectors(
+            UNIT_AXES,
+            ("velocity", "0.2 m/s"),
+            ("previous unit minus own position", "0.07 m, 0 without one"),
+            ("next unit minus own position", "0.07 m, 0 without one"),
+            ("previous target point minus own target point", "0.07 m, 0 without one"),
+            ("next target point minus own target point", "0.07 m, 0 without one"),
+            ("direction to own target point", "1 (distance / (distance + 0.01 m))"),
+            ("mean velocity of the chain", "0.2 m/s"),
+            ("own position minus centroid", SPREAD),
+            ("own target point minus own position", COMPRESSED),
+            ("centroid of the target minus centroid", COMPRESSED),
+        ),
+        Field("angular velocity", "3 rad/s", "none"),
+        Field("place in the chain", "1, from -1 (first) to 1 (last)", "none"),
+    ),
+    "table1": (
+        *(Field(f"bit {bit} of the unit's index", "1", "none") for bit in range(4)),
+        *_vectors(WORLD, ("position", "m"), ("velocity", "m/s")),
+        Field("angle", "rad, in [-pi, pi)", WORLD),
+        Field("angular velocity", "rad/s", "none"),
+        *_vectors(
+            WORLD,
+            ("velocity minus mean velocity", "m/s"),
+            ("position minus centroid", "m"),
+            ("position minus centroid of the target", "m"),
+            ("own target point minus position", "m"),
+        ),
+        Field("bearing of the previous unit", "rad, 0 without one", UNIT_AXES),
+        Field("bearing of the next unit", "rad, 0 without one", UNIT_AXES),
+        *_vectors(
+            WORLD,
+            ("last force of the previous unit", "N, 0 without one"),
+            ("last force of the next unit", "N, 0 without one"),
+        ),
+    ),
+}
+
+ACTIONS = {
+    "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
+    "pair": "two numbers for each unit, in [-1, 1]: thrust (N) = (first - second) / 2",
+}
+
+
+def as_rows(observation: str) -> list[dict[str, str]]:
+    """The layout of an observation as plain values for JSON."""
+    return [asdict(field) for field in LAYOUTS[observation]]
+
+
+def metadata(card: PolicyCard) -> dict[str, str]:
+    """What one must know to run the policy; lists and tables as JSON."""
+    single = card.control.model == "mlp"
+    return {
+        "name": card.name,
+        "model": card.control.model,
+        "graph": card.control.graph,
+        "training_lengths": json.dumps(card.lengths or (card.length,)),
+        "serves_units": str(card.length) if single else "any",
+        "observation": card.observation,
+        "observation_layout": json.dumps(as_rows(card.observation)),
+        "action": card.action,
+        "action_meaning": ACTIONS[card.action],
+        "thrust_unit": "N along the unit's heading (its angle + 90 degrees)",
+        "control_step_seconds": str(CONTROL_STEP),
+    }

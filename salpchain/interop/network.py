@@ -1,0 +1,142 @@
+"""A policy as a plain PyTorch module, which needs no JAX to run.
+
+Meaning and names of the layers are those of `control/layers.py`. Files are safetensors: data only.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from salpchain.errors import InputError
+from salpchain.files import read_arrays, write_arrays
+from salpchain.interop.extras import need
+
+need("torch", "torch")
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+KIND, VERSION = "torch policy", 1
+HEADS = {"gatv2": (2, 1), "gt": (2, 2)}  # of the two layers
+MASKED = -torch.inf
+
+Weights = dict[str, Tensor]
+
+
+class TorchPolicy(nn.Module):
+    """Actions (..., unit, act) in [-1, 1] of observations (..., unit, feature), any length.
+
+    `about` says what the numbers are, as the metadata of an ONNX file does.
+    """
+
+    def __init__(self, weights: Weights, about: dict[str, str]) -> None:
+        """The module with these weights, of the names that `save_torch` gives."""
+        super().__init__()
+        self.about = about
+        for name, value in weights.items():
+            self.register_parameter(name.replace(".", "_"), nn.Parameter(value))
+
+    def forward(self, obs: Tensor) -> Tensor:
+        """The mean actions, clipped."""
+        model, layers = self.about["model"], ("trunk_first", "trunk_second")
+        if model == "mlp":
+            row = self._head(obs.flatten(-2))
+            return row.unflatten(-1, (obs.shape[-2], -1)).clamp(-1, 1)
+        x, sees = obs, self._sees(obs)
+        if model == "gt":
+            x = self._linear("trunk_entry", x)
+            for layer in ("trunk_blocks_0", "trunk_blocks_1"):
+                x = x + functional.gelu(self._transformer(f"{layer}_layer", x, sees))
+                norm = self._get(f"{layer}_norm_scale"), self._get(f"{layer}_norm_shift")
+                x = functional.layer_norm(x, x.shape[-1:], *norm)
+        else:
+            conv = self._gcn if model == "gcn" else self._gatv2
+            x = functional.gelu(conv(layers[0], x, sees))
+            x = functional.gelu(conv(layers[1], functional.layer_norm(x, x.shape[-1:]), sees))
+        return self._head(x).clamp(-1, 1)
+
+    def thrust(self, obs: Tensor) -> Tensor:
+        """Thrusts (..., unit) in newton along each unit's heading."""
+        action = self(obs)
+        one = self.about["action"] == "thrust"
+        return action[..., 0] if one else (action[..., 0] - action[..., 1]) / 2
+
+    def _get(self, name: str) -> Tensor:
+        return self.get_parameter(name)
+
+    def _linear(self, name: str, x: Tensor) -> Tensor:
+        return x @ self._get(f"{name}_weight") + self._get(f"{name}_bias")
+
+    def _head(self, x: Tensor) -> Tensor:
+        for layer in (0, 1):
+            x = functional.gelu(self._linear(f"actor_layers_{layer}", x))
+        return self._linear("actor_layers_2", x)
+
+    def _sees(self, obs: Tensor) -> Tensor:
+        """Whether unit i sees unit j, (unit, unit)."""
+        place = torch.arange(obs.shape[-2], device=obs.device)
+        apart = (place[:, None] - place).abs()
+        return apart <= 1 if self.about["graph"] == "mixed" else apart >= 0
+
+    def _gcn(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
+        scale = sees.sum(1).to(x.dtype).rsqrt()
+        passed = scale[:, None] * sees.to(x.dtype) * scale
+        return self._linear(f"{name}_linear", passed @ x)
+
+    def _gatv2(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
+        attention = self._get(f"{name}_attention")
+        heads = attention.shape[0]
+        source, target = (
+            self._linear(f"{name}_{side}", x).unflatten(-1, (heads, -1))
+            for side in ("source", "target")
+        )
+        both = functional.leaky_relu(target[..., :, None, :, :] + source[..., None, :, :, :], 0.2)
+        heard = _attend((both * attention).sum(-1), source, sees)
+        return heard.flatten(-2) + self._get(f"{name}_bias")
+
+    def _transformer(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
+        query, key, value = (
+            self._linear(f"{name}_{part}", x).unflatten(-1, (2, -1))
+            for part in ("query", "key", "value")
+        )
+        scores = torch.einsum("...ihf,...jhf->...ijh", query, key) / query.shape[-1] ** 0.5
+        heard, own = _attend(scores, value, sees).mean(-2), self._linear(f"{name}_skip", x)
+        parts = torch.cat([heard, own, heard - own], -1)
+        gate = torch.sigmoid(parts @ self._get(f"{name}_gate"))[..., None]
+        return gate * own + (1 - gate) * heard
+
+
+def _attend(scores: Tensor, values: Tensor, sees: Tensor) -> Tensor:
+    """Values of the units seen, weighted by the softmax of the scores (..., unit, seen, head)."""
+    weights = scores.masked_fill(~sees[..., None], MASKED).softmax(-2)
+    return torch.einsum("...ijh,...jhf->...ihf", weights, values)
+
+
+def save_torch(arrays: dict[str, Any], about: dict[str, str], path: Path) -> None:
+    """The weights of trunk and actor, as `salpchain.trees.to_arrays` names them, as one file.
+
+    Raises:
+        OSError: the folder is missing or not writable, or the disk is full.
+    """
+    used = {
+        name.replace("[", ".").replace("]", ""): np.asarray(array)
+        for name, array in arrays.items()
+        if name.startswith(("trunk", "actor"))
+    }
+    write_arrays(path, KIND, VERSION, about, used)
+
+
+def load_torch(path: str | Path) -> TorchPolicy:
+    """The module in a file of `salpchain export --format torch`, ready to act.
+
+    Raises:
+        InputError: no such file; damaged, altered or from a newer version.
+    """
+    about, arrays = read_arrays(Path(path), KIND, VERSION)
+    if not {"model", "graph", "action"} <= about.keys():
+        raise InputError(f"{path} does not say which network it holds: {json.dumps(about)[:60]}")
+    weights = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
+    return TorchPolicy(weights, about).eval().requires_grad_(False)

@@ -1,0 +1,124 @@
+"""SCLD as a PettingZoo parallel environment: one agent for each unit, one reward for all."""
+
+from typing import Any
+
+import numpy as np
+
+from salpchain.errors import InputError
+from salpchain.interop.batch import Batch, Outcome, task_of
+from salpchain.interop.drawing import Frame, Screen
+from salpchain.interop.extras import need
+
+need("gymnasium", "pettingzoo")
+need("pettingzoo", "pettingzoo")
+
+import jax
+from gymnasium.spaces import Box, Space
+from pettingzoo import ParallelEnv
+
+Of = dict[str, Any]  # by the name of an agent
+
+
+class SalpParallelEnv(ParallelEnv):
+    """One chain whose units `unit_0`, `unit_1`, ... each see and act for themselves.
+
+    An observation is (feature,), an action (act,) in [-1, 1]. The reward is the chain's, the same
+    for every unit, and all units end together.
+
+    Raises:
+        InputError: a setting of the task, or a render mode, that cannot be.
+    """
+
+    metadata = {  # noqa: RUF012
+        "name": "scld_v0",
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 10,
+        "is_parallelizable": True,
+    }
+
+    def __init__(self, render_mode: str | None = None, **task: Any) -> None:
+        """The task by the fields of `TaskConfig`."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(f"unknown render mode {render_mode!r}: choose rgb_array or human")
+        self.render_mode = render_mode
+        self._batch = Batch(task_of(task), 1, renew=False)
+        (units, features), (_, act) = self._batch.observation_shape, self._batch.action_shape
+        self.possible_agents = [f"unit_{index}" for index in range(units)]
+        self.agents: list[str] = []
+        self.observation_spaces = self._each(lambda: Box(-np.inf, np.inf, (features,), np.float32))
+        self.action_spaces = self._each(lambda: Box(-1.0, 1.0, (act,), np.float32))
+        self._screen = Screen()
+
+    def _each(self, make: Any) -> Of:
+        return {agent: make() for agent in self.possible_agents}
+
+    def observation_space(self, agent: str) -> Space:
+        """What a unit may observe."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Space:
+        """What a unit may do."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: Of | None = None) -> tuple[Of, Of]:
+        """First observations of a new episode, and an empty info, for each unit."""
+        obs = np.array(self._batch.reset(seed))[0]
+        self.agents = list(self.possible_agents)
+        self._show()
+        return dict(zip(self.agents, obs, strict=True)), self._each(dict)
+
+    def step(self, actions: Of) -> tuple[Of, Of, Of, Of, Of]:
+        """Observation, reward, terminated, truncated, info of each unit after 0.1 s.
+
+        Raises:
+            InputError: before reset or after the end; an action that is missing, of a wrong shape
+                or type, or not finite.
+        """
+        if not self.agents:
+            raise InputError("no unit is alive: call reset() before step()")
+        self._batch.started()
+        outcome = self._batch.step(self._stacked(actions)[None])
+        self._show()
+        given = self._given(outcome)
+        if outcome.terminated[0] or outcome.truncated[0]:
+            self.agents = []
+        return given
+
+    def _stacked(self, actions: Of) -> np.ndarray:
+        missing = [agent for agent in self.agents if agent not in actions]
+        if missing:
+            raise InputError(f"actions must name every unit, {missing[0]} is missing")
+        shape = self._batch.action_shape[1:]
+        for agent in self.agents:
+            if np.shape(actions[agent]) != shape:
+                raise InputError(
+                    f"the action of {agent} must have shape {shape}, got {np.shape(actions[agent])}"
+                )
+        return np.stack([np.asarray(actions[agent]) for agent in self.agents])
+
+    def _given(self, outcome: Outcome) -> tuple[Of, Of, Of, Of, Of]:
+        obs = dict(zip(self.agents, np.array(outcome.obs)[0], strict=True))
+        reward, goal = float(outcome.reward[0]), bool(outcome.goal[0])
+        terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
+        info = {"distance": float(outcome.distance[0]), "goal": goal}
+        alike = (lambda: reward), (lambda: terminated), (lambda: truncated), info.copy
+        return obs, *(self._each(make) for make in alike)  # type: ignore[return-value]
+
+    def state(self) -> np.ndarray:
+        """What all units observe, (unit, feature), for central critics."""
+        return np.array(self._batch.started().obs)[0]
+
+    def render(self) -> Frame | None:
+        """The picture of the present state in mode `rgb_array`; else nothing."""
+        return self._screen.frame(self._present()) if self.render_mode == "rgb_array" else None
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            self._screen.show(self._present())
+
+    def _present(self) -> Any:
+        return jax.tree.map(lambda leaf: leaf[0], self._batch.started())
+
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        self._screen.close()

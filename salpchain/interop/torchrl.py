@@ -1,0 +1,92 @@
+"""SCLD in TorchRL: an `EnvBase` over a compiled batch, tensors shared through DLPack."""
+
+from typing import Any
+
+from salpchain.interop.batch import Batch, task_of
+from salpchain.interop.extras import need
+from salpchain.interop.torch import to_torch
+
+need("torch", "torchrl")
+need("torchrl", "torchrl")
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torchrl.data import Bounded, Categorical, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+
+class SalpTorchEnv(EnvBase):
+    """A batch of chains: `observation` (env, unit, feature), `action` (env, unit, act).
+
+    An episode that is over goes on until TorchRL resets it, as its collectors and rollouts do;
+    a reset starts the next episode of those chains and leaves the others as they are. What the
+    environment hands out shares JAX's memory: do not write into it.
+    """
+
+    def __init__(self, num_envs: int = 1, device: str = "cpu", **settings: Any) -> None:
+        """`num_envs` chains with any setting of `TaskConfig`; `action` is `pair` by default.
+
+        Raises:
+            InputError: an unknown setting, or one that cannot be.
+        """
+        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        self.config = task_of(settings)
+        self._batch = Batch(self.config, num_envs, renew=False)
+        self._seed: int | None = None
+        shape = (num_envs,)
+        flag = Categorical(2, shape=(num_envs, 1), dtype=torch.bool)
+        goal = Categorical(2, shape=(num_envs, 1), dtype=torch.bool)
+        self.observation_spec = Composite(
+            observation=Unbounded(shape=(num_envs, *self._batch.observation_shape)),
+            goal=goal,
+            closed_fraction=Unbounded(shape=(num_envs, 1)),
+            shape=shape,
+        )
+        self.action_spec = Bounded(
+            -1.0, 1.0, shape=(num_envs, *self._batch.action_shape), dtype=torch.float32
+        )
+        self.reward_spec = Unbounded(shape=(num_envs, 1))
+        self.done_spec = Composite(
+            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape
+        )
+        self.to(torch.device(device))
+
+    def _set_seed(self, seed: int | None) -> None:
+        """The next reset of all chains starts the episodes of seed, seed + 1, ..."""
+        self._seed = seed
+        self._batch = Batch(self.config, self._batch.num_envs, renew=False)
+
+    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDict:
+        which = None if tensordict is None else tensordict.get("_reset", None)
+        if self._batch.states is None or which is None:
+            self._batch.reset(None if self._batch.states is not None else self._seed)
+        else:
+            self._batch.reset_some(which.reshape(-1).cpu().numpy())
+        states = self._batch.started()
+        no = torch.zeros(self._batch.num_envs, dtype=torch.bool)
+        return self._record(
+            observation=to_torch(states.obs),
+            goal=to_torch(states.goal),
+            closed_fraction=to_torch(states.closed_fraction),
+            done=no,
+            terminated=no.clone(),
+            truncated=no.clone(),
+        )
+
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        outcome = self._batch.step(tensordict["action"].detach().cpu().numpy())
+        terminated, truncated = to_torch(outcome.terminated), to_torch(outcome.truncated)
+        return self._record(
+            observation=to_torch(outcome.obs),
+            reward=to_torch(outcome.reward),
+            goal=to_torch(outcome.goal),
+            closed_fraction=to_torch(outcome.closed_fraction),
+            done=terminated | truncated,
+            terminated=terminated,
+            truncated=truncated,
+        )
+
+    def _record(self, **tensors: torch.Tensor) -> TensorDict:
+        """The tensors with TorchRL's shapes, on the environment's device."""
+        shaped = {k: v if v.ndim > 1 else v[:, None] for k, v in tensors.items()}
+        return TensorDict(shaped, self.batch_size, device=self.device)

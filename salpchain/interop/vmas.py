@@ -1,0 +1,257 @@
+"""SCLD as a scenario of VMAS 1.5: VMAS's own physics, torch from end to end.
+
+`vmas.make_env(scenario=Scenario(), num_envs=..., length=...)` takes any setting of `TaskConfig`.
+VMAS itself counts the steps: give `max_steps` (512 in the paper); `make_env` below does so, and
+names the environment whose action is NaN.
+"""
+
+from typing import Any
+
+from salpchain.domain.config import TaskConfig, step_limit
+from salpchain.domain.pose import LINK
+from salpchain.domain.scld import FENCE_PER_UNIT
+from salpchain.errors import InputError
+from salpchain.interop.batch import task_of
+from salpchain.interop.extras import need
+from salpchain.interop.torch_task import (
+    Chains,
+    heading,
+    observe,
+    potentials,
+    reached,
+    spawn,
+    target_pose,
+)
+from salpchain.physics.chain import Physics
+
+need("torch", "vmas")
+need("vmas", "vmas")
+
+import torch
+from torch import Tensor
+from vmas.simulator.core import Agent, Box, World
+from vmas.simulator.dynamics.common import Dynamics
+from vmas.simulator.environment import Environment
+from vmas.simulator.joints import Joint
+from vmas.simulator.scenario import BaseScenario
+from vmas.simulator.utils import Color
+
+TARGET_COLOUR = (0.2, 0.5, 0.8)
+
+
+class Thruster(Dynamics):
+    """A thrust along the heading: of `thrust` the number itself, of `pair` half the difference."""
+
+    def __init__(self, size: int) -> None:
+        """For actions of so many numbers."""
+        super().__init__()
+        self._size = size
+
+    @property
+    def needed_action_size(self) -> int:
+        """1 for `thrust`, 2 for `pair`."""
+        return self._size
+
+    def process_action(self) -> None:
+        """Sets the force (N, world axes) that acts in the coming control step."""
+        u = self.agent.action.u.clamp(-1.0, 1.0)
+        thrust = u[:, :1] if self._size == 1 else (u[:, :1] - u[:, 1:]) / 2
+        self.agent.state.force = thrust * heading(self.agent.state.rot[:, 0])
+
+
+class Scenario(BaseScenario):
+    """The Salp Chain Locomotion Domain; agents `unit_0`, `unit_1`, ... share the reward."""
+
+    config: TaskConfig
+
+    def make_world(self, batch_dim: int, device: Any, **kwargs: Any) -> World:
+        """A world of chains; `kwargs` are settings of `TaskConfig`.
+
+        Raises:
+            InputError: an unknown setting, or one that cannot be.
+        """
+        self.config = task_of(kwargs)
+        self.viewer_zoom = max(1.0, self.config.length / 8)
+        self._fence = FENCE_PER_UNIT * self.config.length if self.config.fence else None
+        world = _world(batch_dim, device, self._fence)
+        for index in range(self.config.length):
+            world.add_agent(_unit(index, self.config))
+        self._joints = [_joint(*pair) for pair in zip(world.agents, world.agents[1:], strict=False)]
+        for joint in self._joints:
+            world.add_joint(joint)
+        self._target = torch.zeros(batch_dim, self.config.length, 2, device=device)
+        self._start = torch.ones(batch_dim, device=device)
+        self._reward = torch.zeros(batch_dim, device=device)
+        self._goal = torch.zeros(batch_dim, dtype=torch.bool, device=device)
+        self._before = (self._reward, self._reward)
+        self._seen: Tensor | None = None
+        return world
+
+    def reset_world_at(self, env_index: int | None = None) -> None:
+        """New episodes, at rest, every joint closed; other environments stay bit-identical."""
+        rows = slice(None) if env_index is None else slice(env_index, env_index + 1)
+        some, length = len(self._start[rows]), self.config.length
+        position, angle = spawn(some, length, self.world.device)
+        middle = (position[:, 1:] + position[:, :-1]) / 2
+        links = [joint.landmark for joint in self._joints]
+        # Straight into the state: VMAS's setters would place every link anew, in all environments.
+        for entities, places in ((self.world.agents, position), (links, middle)):
+            for index, entity in enumerate(entities):
+                entity.state.pos[rows] = places[:, index]
+                entity.state.rot[rows] = angle[:, None]
+        self._target[rows] = target_pose(some, length, self.world.device)
+        now = potentials(self._positions()[rows], self._target[rows])
+        self._start[rows] = now[0]
+        for old, new in zip(self._before, now, strict=True):
+            old[rows] = new
+        self._goal[rows] = False
+        self._reward[rows] = 0.0
+        self._seen = None
+
+    def post_step(self) -> None:
+        """The reward of the step, and whether the target poses are taken."""
+        position = self._positions()
+        now = potentials(position, self._target)
+        self._goal = reached(position, self._target, self.config.tolerance)
+        approach, fine = (old - new for old, new in zip(self._before, now, strict=True))
+        self._reward = approach + self._goal.float() + self.config.fine_weight * fine
+        self._before = now
+        self._seen = None
+
+    def observation(self, agent: Agent) -> Tensor:
+        """What a unit sees (env, feature)."""
+        if self._seen is None:
+            self._seen = observe(self.config.observation, self.chains())
+        return self._seen[:, self.world.agents.index(agent)]
+
+    def reward(self, agent: Agent) -> Tensor:
+        """The chain's reward (env,), the same for every unit."""
+        return self._reward
+
+    def done(self) -> Tensor:
+        """Whether the target pose is taken, or the fence is touched (env,)."""
+        if self._fence is None:
+            return self._goal
+        return self._goal | (self._positions().abs() >= self._fence).any(dim=-1).any(dim=-1)
+
+    def info(self, agent: Agent) -> dict[str, Tensor]:
+        """`goal` and `closed_fraction`, (env, 1)."""
+        closed = 1 - self._before[0] / self._start
+        return {"goal": self._goal.float()[:, None], "closed_fraction": closed[:, None]}
+
+    def chains(self) -> Chains:
+        """All units as they are now."""
+        states = [agent.state for agent in self.world.agents]
+        return Chains(
+            position=self._positions(),
+            angle=torch.cat([state.rot for state in states], dim=1),
+            velocity=torch.stack([state.vel for state in states], dim=1),
+            angular_velocity=torch.cat([state.ang_vel for state in states], dim=1),
+            target=self._target,
+            force=torch.stack([state.force for state in states], dim=1),
+        )
+
+    def _positions(self) -> Tensor:
+        return torch.stack([agent.state.pos for agent in self.world.agents], dim=1)
+
+    def extra_render(self, env_index: int = 0) -> list[Any]:
+        """The target points, in VMAS's own renderer."""
+        from vmas.simulator import rendering
+
+        geometries = []
+        for point in self._target[env_index]:
+            circle: Any = rendering.make_circle(LINK / 4)  # pyright: ignore[reportArgumentType]
+            place = rendering.Transform()
+            place.set_translation(*point)
+            circle.add_attr(place)
+            circle.set_color(*TARGET_COLOUR)
+            geometries.append(circle)
+        return geometries
+
+
+def _world(batch_dim: int, device: Any, fence: float | None) -> World:
+    physics = Physics()
+    return World(
+        batch_dim,
+        device,
+        dt=physics.control_step,
+        substeps=physics.substeps,
+        drag=physics.drag,
+        joint_force=physics.joint_stiffness,
+        torque_constraint_force=physics.angle_stiffness,
+        collision_force=physics.contact_stiffness,
+        x_semidim=fence,
+        y_semidim=fence,
+    )
+
+
+def _unit(index: int, config: TaskConfig) -> Agent:
+    physics = Physics()
+    size = 1 if config.action == "thrust" else 2
+    return Agent(
+        name=f"unit_{index}",
+        shape=Box(length=physics.unit_length, width=physics.unit_width),
+        mass=physics.unit_mass,
+        collide=config.contact,
+        action_size=size,
+        dynamics=Thruster(size),
+        color=Color.BLUE,
+    )
+
+
+def _joint(one: Agent, other: Agent) -> Joint:
+    """A link that keeps the angle of both its units: they start along it, so that is zero."""
+    return Joint(
+        one,
+        other,
+        rotate_a=False,
+        rotate_b=False,
+        fixed_rotation_a=0.0,
+        fixed_rotation_b=0.0,
+        dist=Physics().link_length,
+        mass=Physics().link_mass,
+    )
+
+
+class ChainEnvironment(Environment):
+    """VMAS's environment, which names the environment whose action is NaN."""
+
+    def step(self, actions: Any) -> Any:
+        """VMAS's step.
+
+        Raises:
+            InputError: an action is NaN; nothing was moved.
+        """
+        given = actions.values() if isinstance(actions, dict) else actions
+        for unit, action in enumerate(given):
+            wrong = torch.as_tensor(action).isnan().flatten(1).any(dim=1).nonzero()
+            if len(wrong):
+                raise InputError(
+                    f"the action of environment {int(wrong[0])} is NaN (unit {unit}):"
+                    " give numbers in [-1, 1]; no chain was moved"
+                )
+        return super().step(actions)
+
+
+def make_env(
+    num_envs: int, device: str = "cpu", seed: int | None = None, **settings: Any
+) -> ChainEnvironment:
+    """The scenario as VMAS's environment, with the time limit of its settings.
+
+    Actions are clamped to [-1, 1]; `step` tells terminated and truncated apart. For TorchRL, give
+    it to `VmasWrapper`.
+
+    Raises:
+        InputError: an unknown setting, or one that cannot be.
+    """
+    config = task_of(settings)
+    return ChainEnvironment(
+        Scenario(),
+        num_envs=num_envs,
+        device=device,
+        seed=seed,
+        max_steps=step_limit(config.time_limit, config.length),
+        clamp_actions=True,
+        terminated_truncated=True,
+        **settings,
+    )

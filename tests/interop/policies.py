@@ -1,0 +1,19 @@
+"""Policies with fresh weights, whose actions are large enough to be told apart and clipped."""
+
+import equinox as eqx
+import jax.random as jr
+
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.config import ControlConfig
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
+
+
+def fresh(model="gcn", graph="mixed", observation="body", action="thrust", length=8):
+    control = ControlConfig(model=model, graph=graph)
+    card = PolicyCard(name=f"{model}-{graph}", control=control, observation=observation,
+                      action=action, length=length, lengths=(length,))  # fmt: skip
+    sizes = OBSERVATION_SIZES[observation], ACTION_SIZES[action]
+    network = actor_critic(jr.key(3), control, *sizes, length)
+    last = lambda network: network.actor.layers[-1].weight  # noqa: E731
+    return Policy(eqx.tree_at(last, network, 1500 * last(network)), card)

@@ -1,0 +1,109 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from salpchain.domain.config import TaskConfig
+from salpchain.errors import InputError
+from salpchain.interop.batch import Batch, task_of
+from salpchain.interop.extras import need
+
+CONFIG = TaskConfig(length=2, contact=False)
+ENVS = 4
+
+
+@pytest.fixture
+def batch():
+    batch = Batch(CONFIG, ENVS)
+    batch.reset(seed=0)
+    return batch
+
+
+def zeros():
+    return np.zeros((ENVS, 2, 1), np.float32)
+
+
+def end_of(batch, which):
+    """The batch one step before the time limit of some chains."""
+    time = jnp.where(jnp.arange(ENVS) == which, 511, 3)
+    batch.states = eqx.tree_at(lambda states: states.time, batch.states, time)
+    return batch
+
+
+def test_a_finished_episode_is_followed_by_a_new_one_and_its_last_observation_is_kept(batch):
+    before = batch.states
+    outcome = end_of(batch, 2).step(zeros())
+    np.testing.assert_array_equal(outcome.truncated, [False, False, True, False])
+    changed = np.any(np.asarray(outcome.obs != outcome.final_obs), axis=(1, 2))
+    np.testing.assert_array_equal(changed, [False, False, True, False])
+    assert batch.states.time.tolist() == [4, 4, 0, 4]
+    assert not np.array_equal(batch.states.target[2], before.target[2])
+
+
+def test_without_renewal_an_episode_goes_on_after_its_end():
+    batch = Batch(CONFIG, ENVS, renew=False)
+    batch.reset(seed=0)
+    outcome = end_of(batch, 1).step(zeros())
+    assert outcome.truncated[1]
+    np.testing.assert_array_equal(outcome.obs, outcome.final_obs)
+
+
+def test_resetting_some_chains_leaves_the_others_as_they_were(batch):
+    batch.step(zeros() + 0.5)
+    before = batch.states
+    batch.reset_some(np.array([False, True, False, True]))
+    for old, new in zip(jax.tree.leaves(before), jax.tree.leaves(batch.states), strict=True):
+        if not jnp.issubdtype(old.dtype, jax.dtypes.prng_key):
+            np.testing.assert_array_equal(old[::2], new[::2])
+    assert batch.states.time.tolist() == [1, 0, 1, 0]
+
+
+def test_the_same_seed_gives_the_same_episodes_and_none_goes_on_from_the_last(batch):
+    first = np.asarray(batch.reset(seed=5))
+    second = np.asarray(batch.reset())
+    np.testing.assert_array_equal(batch.reset(seed=5), first)
+    np.testing.assert_array_equal(batch.reset(), second)
+    np.testing.assert_array_equal(batch.reset(seed=[6, 7, 8, 9])[:3], first[1:])
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("action", "word"),
+    [
+        (np.zeros((ENVS, 3, 1)), r"shape \(4, 2, 1\), got \(4, 3, 1\)"),
+        (np.zeros((ENVS, 2, 1), int), "int64"),
+        (np.where(np.arange(ENVS)[:, None, None] == 3, np.nan, zeros()), "environment 3 holds nan"),
+        (jnp.where(jnp.arange(ENVS)[:, None, None] == 2, jnp.inf, 0) + zeros(), "environment 2"),
+    ],
+)
+def test_a_bad_action_is_named_and_touches_nothing(batch, action, word):
+    before = batch.states
+    with pytest.raises(InputError, match=word):
+        batch.step(action)
+    assert batch.states is before
+
+
+def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
+    with pytest.raises(InputError, match="never reset"):
+        Batch(CONFIG, ENVS).step(zeros())
+    with pytest.raises(InputError, match="num_envs must be"):
+        Batch(CONFIG, 0)
+    with pytest.raises(InputError, match="seed must be"):
+        Batch(CONFIG, ENVS).reset(seed=-1)
+    with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
+        task_of({"lenght": 8})
+    batch = Batch(CONFIG, ENVS)
+    with pytest.raises(InputError, match="seeds must be 4, got 2"):
+        batch.reset([0, 1])
+    batch.reset(0)
+    with pytest.raises(InputError, match="4 booleans"):
+        batch.reset_some(np.ones(3, bool))
+
+
+def test_a_missing_package_is_named_with_the_command_that_installs_it():
+    with pytest.raises(
+        InputError, match=r"^salpfish is not .*: run pip install 'salpchain\[fish\]'"
+    ):
+        need("salpfish.envs", "fish")
+    assert need("json", "fish").dumps([]) == "[]"

@@ -1,0 +1,44 @@
+"""That PPO of Brax trains on it and improves, `test_docs` shows with the page's program."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD
+from salpchain.errors import InputError
+from salpchain.interop.brax import SalpBraxEnv, wrap
+
+TASK = {"length": 2, "contact": False, "fine_weight": 0.5}
+
+
+def test_a_step_gives_what_ours_gives():
+    env, ours = SalpBraxEnv(**TASK, action="pair"), SCLD(TaskConfig(**TASK, action="pair"))
+    state, plain = jax.jit(env.reset)(jax.random.PRNGKey(4)), jax.jit(ours.reset)(jax.random.key(4))
+    assert state.obs.shape == (env.observation_size,) and env.action_size == 4
+    action = jnp.array([1.0, -1.0, 0.5, 0.2])
+    state = jax.jit(env.step)(state, action)
+    plain = jax.jit(ours.step)(plain, action.reshape(2, 2))
+    np.testing.assert_allclose(state.obs, plain.obs.ravel(), atol=1e-6)
+    np.testing.assert_allclose(state.reward, plain.reward, atol=1e-6)
+    np.testing.assert_allclose(state.metrics["distance"], plain.distances.mean, atol=1e-6)
+
+
+def test_a_wrapped_batch_truncates_at_the_time_limit_and_begins_elsewhere():
+    env = wrap(SalpBraxEnv(**TASK), episode_length=3)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 4))
+    starts, step = [state.pipeline_state.target], jax.jit(env.step)
+    for turn in range(1, 7):
+        state = step(state, jnp.zeros((4, 2)))
+        assert bool(state.done.all()) == (turn % 3 == 0) == bool(state.info["truncation"].all())
+        if turn % 3 == 0:
+            starts.append(state.pipeline_state.target)
+            np.testing.assert_array_equal(state.pipeline_state.time, 0)
+    first, second, third = (np.asarray(target) for target in starts)
+    assert not np.array_equal(first, second) and not np.array_equal(second, third)
+
+
+def test_a_wrong_setting_is_named():
+    with pytest.raises(InputError, match="length must be"):
+        SalpBraxEnv(length=1)

@@ -1,0 +1,141 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+
+from examples.robot import body_observation, thrusts
+from salpchain.cli.main import run
+from salpchain.control.storage import save_policy
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.scld import SCLD
+from salpchain.interop.layout import LAYOUTS
+from salpchain.interop.network import load_torch
+from tests.interop.policies import fresh
+from tests.interop.test_onnx import GRAPH_POLICIES, actions, observed
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policies")
+    save_policy(fresh(), folder / "policy.safetensors")
+    return folder
+
+
+@pytest.mark.parametrize(("model", "graph"), [*GRAPH_POLICIES, ("mlp", "mixed")])
+def test_the_torch_module_acts_as_jax_does(model, graph, tmp_path):
+    policy = fresh(model, graph, action="pair", length=5)
+    save_policy(policy, tmp_path / "policy.safetensors")
+    out = tmp_path / "out.safetensors"
+    assert run(["export", str(tmp_path), "--format", "torch", "--out", str(out)]) == 0
+    module, obs = load_torch(out), observed(2, 5)
+    expected = actions(policy, obs)
+    np.testing.assert_allclose(module(torch.from_numpy(obs)), expected, atol=1e-5)
+    pushed = module.thrust(torch.from_numpy(obs))
+    np.testing.assert_allclose(pushed, (expected[..., 0] - expected[..., 1]) / 2, atol=1e-5)
+
+
+def test_the_torch_module_needs_no_jax(folder):
+    out = folder / "torch.safetensors"
+    assert run(["export", str(folder), "--format", "torch", "--out", str(out)]) == 0
+    code = (
+        "import sys; from salpchain.interop.network import load_torch; import torch\n"
+        f"print(load_torch({str(out)!r})(torch.zeros(64, 22)).shape, 'jax' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "torch.Size([64, 1]) False"
+
+
+@pytest.fixture(scope="module")
+def swum():
+    """Chains that swam under random thrusts, bent and moving."""
+    env = SCLD(TaskConfig(length=6))
+
+    def swim(key):
+        def turn(index, state):
+            return env.step(state, jr.uniform(jr.fold_in(key, index), (6, 1), minval=-1.0))
+
+        return jax.lax.fori_loop(0, 30, turn, env.reset(key))
+
+    return jax.jit(jax.vmap(swim))(jr.split(jr.key(0), 5))
+
+
+def poses(states, index):
+    units = states.chain.units
+    rows = units.position, units.angle, units.velocity, units.angular_velocity, states.target
+    return [np.asarray(row[index], np.float64) for row in rows]
+
+
+def test_the_robot_sees_and_does_what_the_policy_does_in_jax(swum, folder):
+    out = folder / "robot.onnx"
+    assert run(["export", str(folder), "--out", str(out)]) == 0
+    session = onnxruntime.InferenceSession(out)
+    expected = actions(fresh(), swum.obs)
+    for index in range(5):
+        obs = body_observation(*poses(swum, index))
+        np.testing.assert_allclose(obs, swum.obs[index], atol=1e-5)
+        np.testing.assert_allclose(
+            thrusts(session, *poses(swum, index)), expected[index, :, 0], atol=1e-4
+        )
+
+
+def test_the_robots_program_runs_without_jax(folder):
+    out = folder / "program.onnx"
+    assert run(["export", str(folder), "--out", str(out)]) == 0
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['robot', {str(out)!r}]\n"
+        "from examples import robot; robot.main(); assert 'jax' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0 and done.stdout.startswith("["), done.stderr
+
+
+def test_the_layouts_name_the_numbers_in_their_order(swum):
+    """By what each number is known to be in states that swam."""
+    env = SCLD(TaskConfig(length=6, observation="table1"))
+    names = {kind: [field.name for field in fields] for kind, fields in LAYOUTS.items()}
+    assert len(names["table1"]) == 24 and len(names["body"]) == 22
+    table1 = jax.vmap(env.observe)(swum.chain, swum.target, swum.force)
+    see = dict(zip(names["table1"], jnp.moveaxis(table1, -1, 0), strict=True))
+    units = swum.chain.units
+    np.testing.assert_allclose(see["position y"], units.position[..., 1])
+    np.testing.assert_allclose(see["angular velocity"], units.angular_velocity)
+    error = swum.target - units.position
+    np.testing.assert_allclose(see["own target point minus position x"], error[..., 0], atol=1e-6)
+    np.testing.assert_allclose(
+        see["last force of the next unit y"][:, :-1], swum.force[:, 1:, 1], atol=1e-6
+    )
+    see = dict(zip(names["body"], jnp.moveaxis(swum.obs, -1, 0), strict=True))
+    np.testing.assert_allclose(see["angular velocity"], units.angular_velocity / 3, atol=1e-6)
+    along = error[..., 0] * jnp.cos(units.angle) + error[..., 1] * jnp.sin(units.angle)
+    np.testing.assert_allclose(
+        see["own target point minus own position along"],
+        np.sign(along) * np.log1p(5 * np.abs(along)),
+        atol=1e-5,
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["--format", "tflite"], "unknown format 'tflite': choose one of onnx, torch"),
+        (["--format", "torch", "--out", "x.onnx"], "must end in .safetensors"),
+        (["--out", "nowhere/x.onnx"], "no such file or directory"),
+        (["--format", "torch", "--out", "policy.safetensors"], "the policy itself"),
+    ],
+)
+def test_what_cannot_be_exported_is_refused_in_one_line(
+    folder, arguments, word, capsys, monkeypatch
+):
+    monkeypatch.chdir(folder)
+    assert run(["export", ".", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert word in said and said.count("\n") == 1

@@ -1,0 +1,102 @@
+import warnings
+
+import equinox as eqx
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+import salpchain.interop.gymnasium as bridge
+from salpchain.errors import InputError
+
+TASK = {"length": 2, "contact": False}
+ENVS = 4  # as in `test_batch`: the same compiled program
+
+
+@pytest.fixture(autouse=True, scope="module")
+def no_window():
+    import matplotlib as mpl
+
+    mpl.use("agg")
+
+
+@pytest.mark.parametrize("settings", [{}, {"observation": "table1", "action": "pair"}])
+def test_gymnasiums_own_checker_has_nothing_to_say(settings):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        env = gymnasium.make(bridge.ID, **TASK, **settings, disable_env_checker=True)
+        check_env(env.unwrapped, skip_render_check=bool(settings))
+    ours = [str(w.message) for w in said if issubclass(w.category, UserWarning)]
+    assert all("maximum and minimum of the observation" in w or "infinity" in w for w in ours), ours
+
+
+def last_step(env, which):
+    """The env one control step before the time limit of some chains."""
+    batch = env.unwrapped._batch
+    time = np.where(np.arange(batch.num_envs) == which, 511, 3).astype(np.int32)
+    batch.states = eqx.tree_at(lambda states: states.time, batch.states, time)
+
+
+def test_the_vector_env_gives_what_gymnasiums_own_one_of_single_envs_gives():
+    """Also the layout of `info` where an episode ends, which Gymnasium's own one defines."""
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    assert isinstance(ours.unwrapped, bridge.SalpVectorEnv)
+    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
+    theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
+    np.testing.assert_array_equal(ours.reset(seed=7)[0], theirs.reset(seed=7)[0])
+    last_step(ours, 1)
+    last_step(theirs.envs[1], 0)
+    assert ours.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    for _ in range(2):
+        actions = np.asarray(ours.action_space.sample())
+        for one, other in zip(ours.step(actions)[:4], theirs.step(actions)[:4], strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+def test_infos_have_the_layout_of_gymnasium():
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
+    theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
+    for env in (ours, theirs):
+        env.reset(seed=3)
+    last_step(ours, 1)
+    last_step(theirs.envs[1], 0)
+    actions = np.full((ENVS, 2, 1), 0.5, np.float32)
+    one, other = ours.step(actions)[4], theirs.step(actions)[4]
+    assert one["final_obs"][0] is None and other["final_obs"][0] is None
+    np.testing.assert_allclose(one.pop("final_obs")[1], other.pop("final_obs")[1], atol=1e-6)
+    same(one, other)
+
+
+def same(one, other):
+    assert one.keys() == other.keys()
+    for name, value in one.items():
+        if isinstance(value, dict):
+            same(value, other[name])
+        else:
+            np.testing.assert_allclose(value, other[name], atol=1e-6, err_msg=name)
+
+
+def test_pictures_show_the_chain_in_its_colours():
+    env = gymnasium.make(bridge.ID, render_mode="rgb_array", **TASK)
+    env.reset(seed=0)
+    frame = env.render()
+    assert frame.shape == (480, 480, 3) and frame.dtype == np.uint8
+    assert len(np.unique(frame.reshape(-1, 3), axis=0)) > 10
+    vector = gymnasium.make_vec(bridge.ID, num_envs=ENVS, render_mode="rgb_array", **TASK)
+    vector.reset(seed=0)
+    np.testing.assert_array_equal(vector.render()[0], frame)
+
+
+def test_bad_input_is_named():
+    env = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    with pytest.raises(InputError, match="never reset"):
+        env.step(np.zeros((ENVS, 2, 1), np.float32))
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="environment 1 holds nan"):
+        env.step(np.where(np.arange(ENVS)[:, None, None] == 1, np.nan, np.zeros((ENVS, 2, 1))))
+    with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
+        gymnasium.make(bridge.ID, lenght=8)
+    with pytest.raises(InputError, match="unknown render mode"):
+        gymnasium.make_vec(bridge.ID, num_envs=ENVS, render_mode="human", **TASK)
