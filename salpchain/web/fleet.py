@@ -36,7 +36,11 @@ class Fleet:
         if not path.exists():
             raise InputError(f"no such run folder or policy: {path} (a path, or greedy)")
         policy, name = load(path), path.name if path.is_dir() else path.stem
-        self.first = name if name not in (GREEDY, *self._paths) else str(path)
+        listed = [
+            known for known, other in self._paths.items() if other.resolve() == path.resolve()
+        ]
+        free = name not in (GREEDY, *self._paths)
+        self.first = listed[0] if listed else name if free else str(path)
         self._paths[self.first], self._loaded[self.first] = path, policy
 
     @property

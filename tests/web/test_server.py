@@ -337,7 +337,10 @@ def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
     fleet = Fleet(runs=Path(runs))
     assert set(fleet.names) == {"broken", "one", "greedy"}
     chosen = Fleet(str(Path(runs) / "one"), Path(runs))
-    assert chosen.first == str(Path(runs) / "one") and chosen.names[0] == chosen.first
+    assert chosen.names == ["one", "broken", "greedy"]
+    twin = tmp_path / "one.safetensors"
+    twin.write_bytes((Path(runs) / "one" / "policy.safetensors").read_bytes())
+    assert Fleet(str(twin), Path(runs)).first == str(twin)  # another one of that name
     assert chosen.load(chosen.first).card.name == "fresh"
     with pytest.raises(InputError, match="there is no policy"):
         fleet.load(str(Path(runs) / "one" / "policy.safetensors"))

@@ -121,7 +121,11 @@
     const done = swim.success && now >= swim.steps, look = Salp.theme();
     ctx.font = "600 15px system-ui, sans-serif";
     ctx.fillStyle = look.ink;
-    if (swims.length > 1) ctx.fillText(name(swim), left + 14, top + 24);
+    if (swims.length > 1) {
+      ctx.fillText(name(swim), left + 34, top + 24);
+      ctx.fillStyle = LINES[swims.indexOf(swim) % LINES.length];
+      ctx.fillRect(left + 14, top + 17, 14, 4);
+    }
     ctx.font = "14px system-ui, sans-serif";
     ctx.fillStyle = done ? look.done : look.faint;
     const apart = `${(100 * swim.distance[Math.floor(now)]).toFixed(1)} cm to the target`;
@@ -157,10 +161,6 @@
     ctx.fillText(`mean distance, up to ${most.toFixed(2)} m`, width - 16, 18);
     ctx.fillText("mean thrust, up to 1 N", width - 16, half + 24);
     ctx.textAlign = "left";
-    if (swims.length > 1) swims.forEach((swim, k) => {
-      ctx.fillStyle = LINES[k % LINES.length];
-      ctx.fillText(name(swim), width * 0.3, 18 + 15 * k);
-    });
     const x = 16 + (state.time / end) * (width - 32);
     ctx.beginPath();
     ctx.moveTo(x, 2); ctx.lineTo(x, height - 2);

@@ -62,6 +62,7 @@
       const before = jumped ? null : old.get(chain.name);
       const same = before && before.units.length === chain.units.length;
       if (before && !moved) return { ...chain, from: before.from, at: before.at, shown: chain.units.map(asUnit) };
+      if (!same) trails.delete(chain.name); // its middle has jumped
       return { ...chain, from: same ? before.shown : null, at: now, shown: chain.units.map(asUnit) };
     });
     if (jumped) { trails.clear(); arrivals.clear(); live.following = true; live.unit = null; }
@@ -221,7 +222,11 @@
   function keepInView() {
     if (!live.following || live.sketch || live.held) return;
     const points = live.chains.flatMap((chain) => [...chain.units, ...live.targetOf(chain)]);
-    const goal = live.camera.whole(points, 0.22, 700), { camera } = live;
+    const { camera } = live, [left, top, width, height] = camera.box, words = 80; // pixels below
+    camera.box = [left, top, width, Math.max(height - words, 100)];
+    const goal = camera.whole(points, 0.16, 700);
+    goal.y -= words / 2 / goal.scale;
+    camera.box = [left, top, width, height];
     const share = live.frames < 3 ? 1 : 0.06;
     for (const key of ["x", "y", "scale"]) camera[key] = Salp.between(camera[key], goal[key], share);
   }
