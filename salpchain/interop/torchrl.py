@@ -33,21 +33,20 @@ class SalpTorchEnv(EnvBase):
         self.config = task_of(settings)
         self._batch = Batch(self.config, num_envs, renew=False)
         self._seed: int | None = None
-        shape = (num_envs,)
-        flag = Categorical(2, shape=(num_envs, 1), dtype=torch.bool)
-        goal = Categorical(2, shape=(num_envs, 1), dtype=torch.bool)
+        chains, one = torch.Size([num_envs]), torch.Size([num_envs, 1])
+        seen = torch.Size([num_envs, *self._batch.observation_shape])
+        done = torch.Size([num_envs, *self._batch.action_shape])
+        flags = [Categorical(2, shape=one, dtype=torch.bool) for _ in range(4)]
         self.observation_spec = Composite(
-            observation=Unbounded(shape=(num_envs, *self._batch.observation_shape)),
-            goal=goal,
-            closed_fraction=Unbounded(shape=(num_envs, 1)),
-            shape=shape,
+            observation=Unbounded(shape=seen),
+            goal=flags[0],
+            closed_fraction=Unbounded(shape=one),
+            shape=chains,
         )
-        self.action_spec = Bounded(
-            -1.0, 1.0, shape=(num_envs, *self._batch.action_shape), dtype=torch.float32
-        )
-        self.reward_spec = Unbounded(shape=(num_envs, 1))
+        self.action_spec = Bounded(-1.0, 1.0, shape=done, dtype=torch.float32)
+        self.reward_spec = Unbounded(shape=one)
         self.done_spec = Composite(
-            done=flag, terminated=flag.clone(), truncated=flag.clone(), shape=shape
+            done=flags[1], terminated=flags[2], truncated=flags[3], shape=chains
         )
         self.to(torch.device(device))
 

@@ -93,9 +93,10 @@ class Scenario(BaseScenario):
         some, length = len(self._start[rows]), self.config.length
         position, angle = spawn(some, length, self.world.device)
         middle = (position[:, 1:] + position[:, :-1]) / 2
-        links = [joint.landmark for joint in self._joints]
+        links: list[Any] = [joint.landmark for joint in self._joints]
         # Straight into the state: VMAS's setters would place every link anew, in all environments.
         for entities, places in ((self.world.agents, position), (links, middle)):
+            entity: Any
             for index, entity in enumerate(entities):
                 entity.state.pos[rows] = places[:, index]
                 entity.state.rot[rows] = angle[:, None]
@@ -141,7 +142,7 @@ class Scenario(BaseScenario):
 
     def chains(self) -> Chains:
         """All units as they are now."""
-        states = [agent.state for agent in self.world.agents]
+        states: list[Any] = [agent.state for agent in self.world.agents]
         return Chains(
             position=self._positions(),
             angle=torch.cat([state.rot for state in states], dim=1),
@@ -152,7 +153,8 @@ class Scenario(BaseScenario):
         )
 
     def _positions(self) -> Tensor:
-        return torch.stack([agent.state.pos for agent in self.world.agents], dim=1)
+        places: list[Any] = [agent.state.pos for agent in self.world.agents]
+        return torch.stack(places, dim=1)
 
     def extra_render(self, env_index: int = 0) -> list[Any]:
         """The target points, in VMAS's own renderer."""
@@ -169,8 +171,13 @@ class Scenario(BaseScenario):
         return geometries
 
 
-def _world(batch_dim: int, device: Any, fence: float | None) -> World:
-    physics = Physics()
+def _physics() -> Any:
+    """The constants, all plain numbers."""
+    return Physics()
+
+
+def _world(batch_dim: int, device: Any, fence: Any) -> World:
+    physics = _physics()
     return World(
         batch_dim,
         device,
@@ -186,7 +193,7 @@ def _world(batch_dim: int, device: Any, fence: float | None) -> World:
 
 
 def _unit(index: int, config: TaskConfig) -> Agent:
-    physics = Physics()
+    physics = _physics()
     size = 1 if config.action == "thrust" else 2
     return Agent(
         name=f"unit_{index}",
@@ -201,6 +208,7 @@ def _unit(index: int, config: TaskConfig) -> Agent:
 
 def _joint(one: Agent, other: Agent) -> Joint:
     """A link that keeps the angle of both its units: they start along it, so that is zero."""
+    physics = _physics()
     return Joint(
         one,
         other,
@@ -208,8 +216,8 @@ def _joint(one: Agent, other: Agent) -> Joint:
         rotate_b=False,
         fixed_rotation_a=0.0,
         fixed_rotation_b=0.0,
-        dist=Physics().link_length,
-        mass=Physics().link_mass,
+        dist=physics.link_length,
+        mass=physics.link_mass,
     )
 
 
