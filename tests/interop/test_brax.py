@@ -15,11 +15,14 @@ TASK = {"length": 2, "contact": False, "fine_weight": 0.5}
 
 def test_a_step_gives_what_ours_gives():
     env, ours = SalpBraxEnv(**TASK, action="pair"), SCLD(TaskConfig(**TASK, action="pair"))
-    state, plain = jax.jit(env.reset)(jax.random.PRNGKey(4)), jax.jit(ours.reset)(jax.random.key(4))
+
+    @jax.jit
+    def both(rng, action):
+        state, plain = env.reset(rng), ours.reset(jax.random.wrap_key_data(rng))
+        return env.step(state, action), ours.step(plain, action.reshape(2, 2))
+
+    state, plain = both(jax.random.PRNGKey(4), jnp.array([1.0, -1.0, 0.5, 0.2]))
     assert state.obs.shape == (env.observation_size,) and env.action_size == 4
-    action = jnp.array([1.0, -1.0, 0.5, 0.2])
-    state = jax.jit(env.step)(state, action)
-    plain = jax.jit(ours.step)(plain, action.reshape(2, 2))
     np.testing.assert_allclose(state.obs, plain.obs.ravel(), atol=1e-6)
     np.testing.assert_allclose(state.reward, plain.reward, atol=1e-6)
     np.testing.assert_allclose(state.metrics["distance"], plain.distances.mean, atol=1e-6)
