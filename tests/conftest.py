@@ -6,6 +6,7 @@ jax.config.update("jax_num_cpu_devices", 2)
 
 # Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
 LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
+LONG += ("test_docs",)
 
 
 def pytest_collection_modifyitems(items):

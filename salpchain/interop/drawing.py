@@ -65,7 +65,7 @@ class Screen:
         if self._window is None:
             figure = pyplot.figure(figsize=(SIDE / DOTS, SIDE / DOTS), dpi=DOTS)
             self._window = figure, figure.figimage(frame)
-            figure.show() if pyplot.get_backend().lower() != "agg" else None
+            figure.show(warn=False)
         figure, image = self._window
         image.set_data(frame)
         figure.canvas.draw_idle()

@@ -9,8 +9,8 @@ from salpchain.interop.batch import Batch, Outcome, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 
-need("gymnasium", "pettingzoo")
 need("pettingzoo", "pettingzoo")
+need("gymnasium", "pettingzoo")
 
 import jax
 from gymnasium.spaces import Box, Space

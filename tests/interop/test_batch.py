@@ -7,7 +7,6 @@ import pytest
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch, task_of
-from salpchain.interop.extras import need
 
 CONFIG = TaskConfig(length=2, contact=False)
 ENVS = 4
@@ -99,11 +98,3 @@ def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
     batch.reset(0)
     with pytest.raises(InputError, match="4 booleans"):
         batch.reset_some(np.ones(3, bool))
-
-
-def test_a_missing_package_is_named_with_the_command_that_installs_it():
-    with pytest.raises(
-        InputError, match=r"^salpfish is not .*: run pip install 'salpchain\[fish\]'"
-    ):
-        need("salpfish.envs", "fish")
-    assert need("json", "fish").dumps([]) == "[]"

@@ -1,5 +1,8 @@
 """That PPO of Brax trains on it and improves, `test_docs` shows with the page's program."""
 
+from dataclasses import replace
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,14 +18,20 @@ TASK = {"length": 2, "contact": False, "fine_weight": 0.5}
 
 def test_a_step_gives_what_ours_gives():
     env, ours = SalpBraxEnv(**TASK, action="pair"), SCLD(TaskConfig(**TASK, action="pair"))
-    state, plain = jax.jit(env.reset)(jax.random.PRNGKey(4)), jax.jit(ours.reset)(jax.random.key(4))
+
+    @jax.jit
+    def both(rng, action):
+        plain = ours.reset(jax.random.wrap_key_data(rng))
+        late = eqx.tree_at(lambda plain: plain.time, plain, jnp.int32(511))
+        state = replace(env.reset(rng), pipeline_state=late)
+        return env.step(state, action), ours.step(late, action.reshape(2, 2))
+
+    state, plain = both(jax.random.PRNGKey(4), jnp.array([1.0, -1.0, 0.5, 0.2]))
     assert state.obs.shape == (env.observation_size,) and env.action_size == 4
-    action = jnp.array([1.0, -1.0, 0.5, 0.2])
-    state = jax.jit(env.step)(state, action)
-    plain = jax.jit(ours.step)(plain, action.reshape(2, 2))
     np.testing.assert_allclose(state.obs, plain.obs.ravel(), atol=1e-6)
     np.testing.assert_allclose(state.reward, plain.reward, atol=1e-6)
     np.testing.assert_allclose(state.metrics["distance"], plain.distances.mean, atol=1e-6)
+    assert plain.truncated and not state.done  # time limits are Brax's
 
 
 def test_a_wrapped_batch_truncates_at_the_time_limit_and_begins_elsewhere():

@@ -1,3 +1,4 @@
+import equinox as eqx
 import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
@@ -21,6 +22,19 @@ def test_every_unit_gets_its_own_observation_and_the_chains_reward():
     obs, reward, *_ = env.step({agent: np.ones(1, np.float32) for agent in env.agents})
     assert reward["unit_0"] == reward["unit_1"] != 0
     np.testing.assert_array_equal(np.stack(list(obs.values())), env.state())
+
+
+def test_all_units_end_together_and_nothing_is_stepped_after():
+    env = SalpParallelEnv(**TASK)
+    env.reset(seed=0)
+    batch = env._batch
+    batch.states = eqx.tree_at(lambda s: s.time, batch.states, np.array([511], np.int32))
+    actions = {agent: np.zeros(1, np.float32) for agent in env.agents}
+    *_, terminated, truncated, _ = env.step(actions)
+    assert truncated == {"unit_0": True, "unit_1": True} and not any(terminated.values())
+    assert env.agents == []
+    with pytest.raises(InputError, match=r"call reset\(\)"):
+        env.step(actions)
 
 
 def test_bad_input_is_named_with_the_unit():
