@@ -46,7 +46,8 @@ def run(options: Models) -> None:
         print(f"{model:<8} {num_parameters(model, inputs, length):>10,}")
     print(f"{'greedy':<8} {0:>10,}   hand-written, for any length")
     print(f"{'mpc':<8} {0:>10,}   plans by sampling, slow, for any length")
-    print("\nreleased policies (salpchain models NAME shows the model card)")
+    if released():
+        print("\nreleased policies (salpchain models NAME shows the model card)")
     for name in released():
         print(f"{name:<14} {model_card(name)['about']}")
 
