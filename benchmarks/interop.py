@@ -4,7 +4,7 @@ python -m benchmarks.interop [--name NAME] [--policy RUN]
 
 The vector environment of Gymnasium and the bare compiled step (the whole environment with
 auto-reset, called from Python with NumPy actions, its observations and rewards waited for) take
-turns, as other work may slow the machine. ONNX sessions run on one core, one chain at a time.
+turns, as other work may slow the machine. The VMAS scenario steps in VMAS itself. ONNX sessions run on one core, one chain at a time.
 """
 
 import argparse
@@ -33,6 +33,7 @@ from salpchain.interop.batch import programs
 ENVS, UNITS = 1024, 8
 STEPS, TURNS = 40, 9  # in a turn; turns
 PACKAGES = ("gymnasium", "pettingzoo", "stable-baselines3", "brax", "onnx", "onnxruntime")
+PACKAGES += ("vmas", "benchmarl", "torchrl", "tensordict", "torch")
 
 
 def gymnasium_share() -> dict[str, Any]:
@@ -100,6 +101,26 @@ def onnx_speed(policy: Policy, units: int = 64) -> dict[str, Any]:
     return {"policy": name, "length": units, "megabytes": size / 1e6, "milliseconds": milliseconds}
 
 
+def vmas_speed(envs: int = 256, steps: int = 20) -> dict[str, Any]:
+    """Environment steps per second of the VMAS scenario under random actions.
+
+    The original study's scenario ran about 110 at 256 environments of 8 units on 2 cores.
+    """
+    import torch
+
+    from salpchain.interop.vmas import make_env
+
+    env = make_env(num_envs=envs, length=UNITS, seed=0)
+    env.reset()
+    actions = [2 * torch.rand(envs, env.get_agent_action_size(unit)) - 1 for unit in env.agents]
+    env.step(actions)
+    begun = time.perf_counter()
+    for _ in range(steps):
+        env.step(actions)
+    rate = envs * steps / (time.perf_counter() - begun)
+    return {"envs": envs, "length": UNITS, "steps_per_second": rate, "against_original": rate / 110}
+
+
 def fresh(model: str, graph: str) -> Policy:
     """A policy with fresh weights: as large and as fast as a trained one."""
     card = PolicyCard(name=f"{model}-{graph}", control=ControlConfig(model=model, graph=graph))
@@ -117,6 +138,7 @@ def main() -> None:
     record["machine"] = machine()
     record["packages"] = record.get("packages", {}) | {name: version(name) for name in PACKAGES}
     record["gymnasium"] = gymnasium_share()
+    record["vmas"] = vmas_speed()
     policies = [fresh(m, g) for m in ("gcn", "gatv2", "gt") for g in ("mixed", "full")]
     policies += [load(options.policy)] if options.policy else []
     record["onnx"] = [onnx_speed(policy) for policy in policies]
