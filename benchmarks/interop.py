@@ -4,7 +4,8 @@ python -m benchmarks.interop [--name NAME] [--policy RUN]
 
 The vector environment of Gymnasium and the bare compiled step (the whole environment with
 auto-reset, called from Python with NumPy actions, its observations and rewards waited for) take
-turns, as other work may slow the machine. The VMAS scenario steps in VMAS itself. ONNX sessions run on one core, one chain at a time.
+turns, as other work may slow the machine. The VMAS scenario steps in VMAS itself. ONNX sessions run
+on one core, one chain at a time.
 """
 
 import argparse

@@ -1,0 +1,59 @@
+"""Policies that come with the package: found by name, listed, each with its model card."""
+
+import json
+
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.cli.main import run
+from salpchain.control import released as module
+from salpchain.control.actor_critic import actor_critic
+from salpchain.control.policy import Policy, PolicyCard
+from salpchain.control.storage import load, save_policy
+from salpchain.errors import InputError
+
+CARD = {
+    "about": "a small one", "command": "python -m studies.release tiny", "limits": "all",
+    "licence": "Apache-2.0", "trials": 200,
+    "measured": [{"length": 8, "success": 0.985, "closed_fraction": 0.97}],
+}  # fmt: skip
+
+
+@pytest.fixture
+def tiny(tmp_path, monkeypatch):
+    """A package with one released policy."""
+    card = PolicyCard(name="tiny")
+    policy = Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card)
+    save_policy(policy, tmp_path / "tiny.safetensors")
+    (tmp_path / "tiny.json").write_text(json.dumps(CARD))
+    monkeypatch.setattr(module, "FOLDER", tmp_path)
+    return policy
+
+
+def test_a_released_policy_is_loaded_by_its_name(tiny, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path.parent)
+    assert load("tiny").card == tiny.card
+    np.testing.assert_array_equal(load("tiny").network.log_std, tiny.network.log_std)
+    with pytest.raises(InputError, match=r"no such run folder or policy: tinny .* tiny"):
+        load("tinny")
+
+
+def test_models_lists_it_and_shows_its_card(tiny, capsys):
+    assert run(["models"]) == 0
+    assert "tiny           a small one" in capsys.readouterr().out
+    assert run(["models", "tiny"]) == 0
+    page = capsys.readouterr().out
+    assert "made by: python -m studies.release tiny" in page and "98.5      97.0" in page
+    assert run(["models", "tinny"]) == 2
+    assert "choose one of tiny" in capsys.readouterr().err
+
+
+def test_the_package_s_own_are_small_whole_and_have_cards():
+    size = 0
+    for name, path in module.released().items():
+        card = module.model_card(name)
+        assert CARD.keys() <= card.keys() and len(card["measured"]) >= 10
+        assert load(name).card.name == name
+        size += path.stat().st_size
+    assert size < 2e6
