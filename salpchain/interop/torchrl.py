@@ -24,7 +24,7 @@ class SalpTorchEnv(EnvBase):
     """
 
     def __init__(self, num_envs: int = 1, device: str = "cpu", **settings: Any) -> None:
-        """`num_envs` chains with any setting of `TaskConfig`; `action` is `pair` by default.
+        """`num_envs` chains with any setting of `TaskConfig`.
 
         Raises:
             InputError: an unknown setting, or one that cannot be.

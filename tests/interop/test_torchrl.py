@@ -20,7 +20,7 @@ LENGTH, ENVS = 3, 4
 
 
 def seeded(seed=0):
-    env = SalpTorchEnv(num_envs=ENVS, length=LENGTH)
+    env = SalpTorchEnv(num_envs=ENVS, length=LENGTH, action="pair")
     env.set_seed(seed)
     return env
 
@@ -48,7 +48,7 @@ def test_it_passes_torchrl_s_checker():
 
 
 def test_it_steps_as_the_gymnasium_batch_does():
-    env, other = seeded(5), SalpVectorEnv(ENVS, length=LENGTH)
+    env, other = seeded(5), SalpVectorEnv(ENVS, length=LENGTH, action="pair")
     record, (obs, _) = env.reset(), other.reset(seed=5)
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -83,6 +83,6 @@ def test_a_nan_is_named_with_its_environment_and_moves_nothing():
     before = np.array(env._batch.states.chain.units.position)
     action = torch.zeros(ENVS, LENGTH, 2)
     action[3, 0, 1] = torch.nan
-    with pytest.raises(InputError, match=r"environment 3 is NaN \(unit 0\)"):
+    with pytest.raises(InputError, match=r"environment 3 holds nan \(unit 0\)"):
         env.step(record.set("action", action))
     np.testing.assert_array_equal(env._batch.states.chain.units.position, before)

@@ -139,7 +139,7 @@ def test_a_chain_starts_at_rest_and_stays_so_without_thrust():
     env = environment(length=8)
     start = env.scenario.chains().position.clone()
     for _ in range(5):
-        env.step([torch.zeros(ENVS, 2)] * 8)
+        env.step([torch.zeros(ENVS, 1)] * 8)
     np.testing.assert_allclose(env.scenario.chains().position, start, atol=1e-6)
 
 
@@ -160,12 +160,12 @@ def test_resetting_one_environment_leaves_the_others_bit_identical():
 
 def test_it_is_truncated_at_vmas_s_own_limit():
     env = environment(length=2, envs=2)
-    ends = [env.step([torch.zeros(2, 2)] * 2)[3].all().item() for _ in range(40)]
+    ends = [env.step([torch.zeros(2, 1)] * 2)[3].all().item() for _ in range(40)]
     assert ends == [False] * 39 + [True]
 
 
 def test_a_nan_is_named_with_its_environment_and_moves_nothing():
-    env = make_env(4, length=3)
+    env = make_env(4, length=3, action="pair")
     before = env.scenario.chains().position.clone()
     action = [torch.zeros(4, 2) for _ in range(3)]
     action[1][2, 0] = torch.nan
@@ -176,7 +176,7 @@ def test_a_nan_is_named_with_its_environment_and_moves_nothing():
 
 
 def test_an_unknown_setting_is_refused():
-    with pytest.raises(InputError, match="unknown setting 'lenght'"):
+    with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
         vmas.make_env(scenario=Scenario(), num_envs=1, lenght=8)
 
 
