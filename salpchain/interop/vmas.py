@@ -83,7 +83,7 @@ class Scenario(BaseScenario):
         self._start = torch.ones(batch_dim, device=device)
         self._reward = torch.zeros(batch_dim, device=device)
         self._goal = torch.zeros(batch_dim, dtype=torch.bool, device=device)
-        self._before = (self._reward, self._reward)
+        self._before = (self._reward.clone(), self._reward.clone())
         self._seen: Tensor | None = None
         return world
 
@@ -96,17 +96,15 @@ class Scenario(BaseScenario):
         links: list[Any] = [joint.landmark for joint in self._joints]
         # Straight into the state: VMAS's setters would place every link anew, in all environments.
         for entities, places in ((self.world.agents, position), (links, middle)):
-            entity: Any
             for index, entity in enumerate(entities):
-                entity.state.pos[rows] = places[:, index]
-                entity.state.rot[rows] = angle[:, None]
+                state: Any = entity.state
+                state.pos[rows], state.rot[rows] = places[:, index], angle[:, None]
         self._target[rows] = target_pose(some, length, self.world.device)
         now = potentials(self._positions()[rows], self._target[rows])
         self._start[rows] = now[0]
         for old, new in zip(self._before, now, strict=True):
             old[rows] = new
         self._goal[rows] = False
-        self._reward[rows] = 0.0
         self._seen = None
 
     def post_step(self) -> None:
@@ -232,7 +230,8 @@ class ChainEnvironment(Environment):
         """
         given = actions.values() if isinstance(actions, dict) else actions
         for unit, action in enumerate(given):
-            wrong = torch.as_tensor(action).isnan().flatten(1).any(dim=1).nonzero()
+            given_nan = torch.as_tensor(action).isnan()
+            wrong = given_nan.reshape(len(given_nan), -1).any(dim=1).nonzero()
             if len(wrong):
                 raise InputError(
                     f"the action of environment {int(wrong[0])} is NaN (unit {unit}):"
