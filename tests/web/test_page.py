@@ -26,10 +26,18 @@ def page(server, browser):
     with watched(browser, server) as page:
         until(page, "live.connected && live.policy && !live.loading && live.chains.length")
         page.evaluate("live.send('pace', {speed: 4}); live.send('pause', {on: false})")
-        page.evaluate("live.send('flow', {x: 0, y: 0}); live.send('reset', {length: 3})")
-        until(page, "live.chains.length === 1 && live.chains[0].units.length === 3")
+        page.evaluate("live.send('flow', {x: 0, y: 0})")
+        restart(page, 3)
         until(page, "live.frames > 3")
         yield page
+
+
+def restart(page, length):
+    """A new chain, which has a new name; an order to the one before would go astray."""
+    old = page.evaluate("live.chains[0].name")
+    page.evaluate("(length) => live.send('reset', {length})", length)
+    until(page, f"live.chains.length === 1 && live.chains[0].name !== {old}")
+    assert page.evaluate("live.chains[0].units.length") == length
 
 
 def settle(page):
@@ -119,8 +127,7 @@ def test_one_click_adds_or_removes_a_unit_while_it_swims(page):
 
 
 def test_a_cut_makes_two_chains_with_targets_of_their_own_and_join_makes_one_again(page):
-    page.evaluate("live.send('reset', {length: 8})")
-    until(page, "live.chains[0].units.length === 8")
+    restart(page, 8)
     until(page, "live.following && live.frames > 3")
     page.wait_for_timeout(300)
     settle(page)
