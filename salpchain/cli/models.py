@@ -55,7 +55,9 @@ def run(options: Models) -> None:
 def _card(name: str) -> str:
     """The model card of a released policy as text."""
     if name not in released():
-        raise InputError(f"no released policy {name!r}: choose one of {', '.join(released())}")
+        known = ", ".join(released())
+        advice = f"choose one of {known}" if known else "none is released yet"
+        raise InputError(f"no released policy {name!r}: {advice}")
     card = model_card(name)
     lines = [f"{name}: {card['about']}", f"made by: {card['command']}"]
     lines += [f"limits: {card['limits']}", f"licence: {card['licence']}"]

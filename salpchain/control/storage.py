@@ -51,8 +51,8 @@ def load(source: str | Path) -> Policy:
 
 def no_such_policy(source: str) -> str:
     """What to say where neither a name nor a path leads to a policy."""
-    names = ", ".join(released())
-    return f"no such run folder or policy: {source} (a path, or a released one: {names})"
+    names = ", or ".join(["a path", *released()])
+    return f"no such run folder or policy: {source} (a learned policy is meant: {names})"
 
 
 def network_shapes(card: PolicyCard) -> ActorCritic:
