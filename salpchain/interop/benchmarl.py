@@ -6,13 +6,12 @@ from typing import Any
 from salpchain.domain.config import step_limit
 from salpchain.interop.batch import task_of
 from salpchain.interop.extras import need
-from salpchain.interop.vmas import Scenario
+from salpchain.interop.vmas import make_torchrl_env
 
 need("benchmarl", "benchmarl")
 
 from benchmarl.environments.vmas.common import VmasClass
 from torchrl.envs import EnvBase
-from torchrl.envs.libs.vmas import VmasEnv
 
 
 class SCLDTask(VmasClass):
@@ -22,16 +21,13 @@ class SCLDTask(VmasClass):
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
         """What makes the environment."""
-        settings = dict(self.config)
-        return lambda: VmasEnv(
-            scenario=Scenario(),
-            num_envs=num_envs,
-            continuous_actions=continuous_actions,
-            seed=seed,
+        config = dict(self.config)
+        return lambda: make_torchrl_env(
+            num_envs,
             device=device,
-            categorical_actions=True,
-            clamp_actions=True,
-            **settings,
+            seed=seed,
+            continuous_actions=continuous_actions,
+            **config,
         )
 
 

@@ -245,8 +245,8 @@ def make_env(
 ) -> ChainEnvironment:
     """The scenario as VMAS's environment, with the time limit of its settings.
 
-    Actions are clamped to [-1, 1]; `step` tells terminated and truncated apart. For TorchRL, give
-    it to `VmasWrapper`.
+    Actions are clamped to [-1, 1]; `step` gives five values, terminated and truncated apart.
+    For TorchRL there is `make_torchrl_env`.
 
     Raises:
         InputError: an unknown setting, or one that cannot be.
@@ -262,3 +262,39 @@ def make_env(
         terminated_truncated=True,
         **settings,
     )
+
+
+def make_torchrl_env(
+    num_envs: int,
+    device: Any = "cpu",
+    seed: int | None = None,
+    max_steps: int | None = None,
+    continuous_actions: bool = True,
+    **settings: Any,
+) -> Any:
+    """The scenario as TorchRL's `VmasEnv`, where the time limit truncates.
+
+    VMAS's own count (`max_steps` of `VmasEnv`) would reach TorchRL as `terminated`, and so teach
+    that the future is worth nothing at the time limit. So TorchRL counts (`StepCounter`). The limit
+    is that of the task's settings, or `max_steps`.
+
+    Raises:
+        InputError: an unknown setting, or one that cannot be; TorchRL is not installed.
+    """
+    config = task_of(settings)
+    need("torchrl", "torchrl")
+    from torchrl.envs import StepCounter, TransformedEnv
+    from torchrl.envs.libs.vmas import VmasEnv
+
+    env = VmasEnv(
+        scenario=Scenario(),
+        num_envs=num_envs,
+        continuous_actions=continuous_actions,
+        seed=seed,
+        device=device,
+        categorical_actions=True,
+        clamp_actions=True,
+        **settings,
+    )
+    limit = max_steps or step_limit(config.time_limit, config.length)
+    return TransformedEnv(env, StepCounter(limit))

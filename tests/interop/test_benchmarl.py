@@ -29,3 +29,5 @@ def test_mappo_trains_a_few_iterations(tmp_path):
     assert abs(experiment.mean_return) < 10
     after = experiment.losses["unit"].parameters()
     assert any((old != new).any() for old, new in zip(before, after, strict=True))
+    steps = experiment.test_env.rollout(12, break_when_any_done=False)["next"]
+    assert steps["truncated"][:, 9].all() and not steps["terminated"].any()

@@ -8,14 +8,13 @@ import pytest
 import torch
 import vmas
 from torchrl.envs import check_env_specs
-from torchrl.envs.libs.vmas import VmasEnv
 
 from salpchain.domain.frechet import frechet_distance
 from salpchain.domain.reward import distances, reached, reward_terms
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop import torch_task
-from salpchain.interop.vmas import Scenario, make_env
+from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
 from salpchain.physics.chain import Bodies, Chain
 
 torch.set_num_threads(1)  # the arrays are tiny: more threads only wait for each other
@@ -182,11 +181,25 @@ def test_an_unknown_setting_is_refused():
         vmas.make_env(scenario=Scenario(), num_envs=1, lenght=8)
 
 
-def test_torchrl_takes_it():
-    env = VmasEnv(scenario=Scenario(), num_envs=3, length=2, max_steps=5, clamp_actions=True)
+def test_torchrl_truncates_at_the_time_limit():
+    env = make_torchrl_env(num_envs=3, length=2, max_steps=5)
     check_env_specs(env)
-    done = env.rollout(8, break_when_any_done=False)["next", "done"]
-    np.testing.assert_array_equal(done[0, :, 0], [0, 0, 0, 0, 1, 0, 0, 0])
+    steps = env.rollout(8, break_when_any_done=False)["next"]
+    ends = [0, 0, 0, 0, 1, 0, 0, 0]
+    np.testing.assert_array_equal(steps["truncated"][0, :, 0], ends)
+    np.testing.assert_array_equal(steps["done"][0, :, 0], ends)
+    assert not steps["terminated"].any()
+
+
+def test_torchrl_is_told_of_a_goal():
+    env = make_torchrl_env(num_envs=3, length=2)
+    start = env.reset()
+    scenario = env.base_env.scenario
+    scenario._target[1] = scenario.chains().position[1]
+    start["unit", "action"] = torch.zeros(3, 2, 1)
+    end = env.step(start)["next"]
+    np.testing.assert_array_equal(end["terminated"][:, 0], [0, 1, 0])
+    assert not end["truncated"].any()
 
 
 def test_it_is_drawn_by_vmas_s_own_renderer():
