@@ -16,6 +16,7 @@ _PUBLIC = {
     "State": "salpchain.domain.scld",
     "TaskConfig": "salpchain.domain.config",
     "Greedy": "salpchain.control.greedy",
+    "Approach": "salpchain.control.approach",
     "MPC": "salpchain.control.mpc",
     "Policy": "salpchain.control.policy",
     "load": "salpchain.control.storage",

@@ -2,18 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
+from salpchain.control.named import controller
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import make_writable
-
-if TYPE_CHECKING:
-    from salpchain.control.policy import Controller
 
 
 @dataclass(frozen=True)
@@ -27,8 +25,7 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, a released policy (see `salpchain models`), greedy, or
-    mpc (plans by sampling: slow)."""
+    """A run folder, a policy.safetensors, or a name that `salpchain models` lists."""
     lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
     trials: Whole = "50"
@@ -49,9 +46,9 @@ def run(options: Evaluate) -> None:
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
     check_seed(seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
-    controller = controller_of(options.policy)
+    tested = controller(options.policy)
     for length in lengths:
-        controller.card.check_serves(length)
+        tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
@@ -60,37 +57,11 @@ def run(options: Evaluate) -> None:
 
     use_devices()
     with share_display("testing") as watch:
-        summary = evaluate(
-            controller, lengths, trials, options.time_limit, seed, out, progress=watch
-        )
+        summary = evaluate(tested, lengths, trials, options.time_limit, seed, out, progress=watch)
     from rich.console import Console
 
     Console().print(table(summary))
     print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
-
-
-def controller_of(name: str) -> "Controller":
-    """The controller that a name or path on the command line means.
-
-    Raises:
-        InputError: neither a known name, nor a run folder, nor a policy file.
-    """
-    if name == "greedy":
-        from salpchain.control.greedy import Greedy
-
-        return Greedy()
-    if name == "mpc":
-        from salpchain.control.mpc import MPC
-
-        return MPC()
-    from salpchain.control.released import released
-
-    if name not in released() and not Path(name).exists():
-        known = ", ".join([*released(), "greedy", "mpc"])
-        raise InputError(f"no such run folder or policy: {name} (a path, or one of {known})")
-    from salpchain.control.storage import load
-
-    return load(name)
 
 
 def default_out(policy: str) -> Path:

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Whole, number, text_option
+from salpchain.control.named import WRITTEN, check_there
 from salpchain.control.released import released
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
@@ -29,8 +30,8 @@ class Live:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or greedy. Default: the newest that is found, or greedy.
-    """
+    """A run folder, a policy.safetensors, or a name that `salpchain models` lists (but mpc).
+    Default: any-length where it is released, else a run, else approach."""
     port: Whole = "8000"
     """Where the page is; 0 takes any free port."""
     host: Annotated[str, text_option("ADDRESS")] = "127.0.0.1"
@@ -62,11 +63,10 @@ def run(options: Live) -> None:
 
 def _check_policy(policy: str) -> None:
     """Nothing, if there is such a policy; before the port is taken and JAX imported."""
-    if not policy or policy == "greedy" or policy in released():
+    if not policy or policy in (*WRITTEN, *released()):
         return
+    check_there(policy)
     path = Path(policy)
-    if not path.exists():
-        raise InputError(f"no such run folder or policy: {policy} (a path, or greedy)")
     if path.is_dir() and not (path / POLICY_FILE).exists():
         raise InputError(f"{policy} is not a run folder with a policy: it has no {POLICY_FILE}")
     read_arrays(path / POLICY_FILE if path.is_dir() else path, "policy", 1)

@@ -7,6 +7,7 @@ import tyro
 
 from salpchain.cli.options import Name, Whole, number, text_option
 from salpchain.control.config import MODELS
+from salpchain.control.named import WRITTEN
 from salpchain.control.released import model_card, released
 from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
 from salpchain.errors import InputError
@@ -44,8 +45,8 @@ def run(options: Models) -> None:
     print(f"{'model':<8} {'parameters':>10}   ({options.observation}, {length} units)")
     for model in MODELS:
         print(f"{model:<8} {num_parameters(model, inputs, length):>10,}")
-    print(f"{'greedy':<8} {0:>10,}   hand-written, for any length")
-    print(f"{'mpc':<8} {0:>10,}   plans by sampling, slow, for any length")
+    for name, written in WRITTEN.items():
+        print(f"{name:<8} {0:>10,}   {written.about}; for any length")
     if released():
         print("\nreleased policies (salpchain models NAME shows the model card)")
     for name in released():

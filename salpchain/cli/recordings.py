@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from salpchain.cli.evaluate import controller_of
 from salpchain.cli.options import number, text_option
+from salpchain.control.named import controller
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -37,10 +37,10 @@ def trajectories(
     from salpchain.evaluation.trajectory import Trajectory
 
     files = {s: Trajectory.load(Path(s)) for s in sources if s.endswith(".npz")}
-    controllers = {s: controller_of(s) for s in sources if s not in files}
-    for controller in controllers.values():
+    controllers = {s: controller(s) for s in sources if s not in files}
+    for swimmer in controllers.values():
         for length in wanted:
-            controller.card.check_serves(length)
+            swimmer.card.check_serves(length)
     swims: list[tuple[str, Trajectory]] = []
     for source in sources:
         if source in files:

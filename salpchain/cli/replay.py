@@ -22,7 +22,7 @@ class Replay:
     """
 
     sources: tyro.conf.Positional[Annotated[tuple[str, ...], text_option("POLICY_OR_FILE")]] = ()
-    """Run folders, policies, greedy, or trajectories (.npz)."""
+    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz)."""
     out: Annotated[str, text_option("FILE.html")] = ""
     """The page to write."""
     length: Lengths = "8"

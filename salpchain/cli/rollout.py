@@ -22,7 +22,7 @@ class Rollout:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or greedy."""
+    """A run folder, a policy.safetensors, or a name that `salpchain models` lists."""
     length: Whole = "8"
     """Units of the chain."""
     seed: Whole = "0"

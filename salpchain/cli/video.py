@@ -26,7 +26,7 @@ class Video:
     """
 
     source: tyro.conf.Positional[Annotated[str, text_option("POLICY_OR_TRAJECTORY")]] = ""
-    """A run folder, a policy.safetensors, greedy, or a trajectory.npz."""
+    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz)."""
     out: Annotated[str, text_option("FILE.mp4|gif|png")] = ""
     """The file to write; its suffix chooses the form."""
     length: Lengths = "8"

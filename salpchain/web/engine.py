@@ -10,7 +10,7 @@ import numpy as np
 from salpchain.control.policy import Controller
 from salpchain.errors import InputError
 from salpchain.web import messages
-from salpchain.web.fleet import Fleet
+from salpchain.web.fleet import SPARE, Fleet
 from salpchain.web.pool import SLOTS, Pool
 from salpchain.web.world import World
 
@@ -129,8 +129,8 @@ class Engine:
 
     async def _first_policy(self) -> None:
         await self._change_policy(self.fleet.first)
-        if self._controller is None and self.fleet.first != "greedy":
-            await self._change_policy("greedy")
+        if self._controller is None and self.fleet.first != SPARE:
+            await self._change_policy(SPARE)
 
     async def _change_policy(self, name: str) -> None:
         try:

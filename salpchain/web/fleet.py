@@ -1,14 +1,15 @@
-"""The policies that a live page can choose from: greedy, released ones, and runs in a folder."""
+"""The policies that a live page can choose from: hand-written, released, and runs in a folder."""
 
 from pathlib import Path
 
-from salpchain.control.greedy import Greedy
+from salpchain.control.named import WRITTEN, check_there, controller
 from salpchain.control.policy import Controller
 from salpchain.control.released import released
 from salpchain.control.storage import POLICY_FILE, load
 from salpchain.errors import InputError
 
-GREEDY = "greedy"
+QUICK = [name for name, written in WRITTEN.items() if written.live]
+SPARE = "greedy"  # steers if the first policy cannot
 BEST = ("any-length",)  # released policies that steer first if there are any, best first
 MOST = 200  # policies in the list (chosen)
 
@@ -17,36 +18,39 @@ class Fleet:
     """Policies by name. Only what is in the list can be loaded, never a path from outside."""
 
     def __init__(self, chosen: str = "", runs: Path | None = None) -> None:
-        """The policy that the user chose (a path, or greedy) and those in a folder of runs.
+        """The policy that the user chose (a name or a path) and those in a folder of runs.
 
         Raises:
-            InputError: the chosen one is neither a run folder nor a policy file.
+            InputError: the chosen one is neither a name, nor a run folder, nor a policy file, or
+                too slow to steer while a person watches.
         """
         self._paths = released()
         self._paths |= _runs_in(runs) if runs else {}
         best = [name for name in BEST if name in self._paths]
-        self.first = best[0] if best else next(iter(self._paths), GREEDY)
-        self._loaded: dict[str, Controller] = {GREEDY: Greedy()}
-        if chosen and chosen not in (GREEDY, *self._paths):
-            self._add(Path(chosen))
+        self.first = best[0] if best else next(iter(self._paths), "approach")
+        self._loaded: dict[str, Controller] = {}
+        if chosen and chosen not in self.names:
+            self._add(chosen)
         elif chosen:
             self.first = chosen
 
-    def _add(self, path: Path) -> None:
-        if not path.exists():
-            raise InputError(f"no such run folder or policy: {path} (a path, or greedy)")
+    def _add(self, chosen: str) -> None:
+        if chosen in WRITTEN:
+            raise InputError(f"{chosen} is too slow to steer live: {WRITTEN[chosen].about}")
+        check_there(chosen)
+        path = Path(chosen)
         policy, name = load(path), path.name if path.is_dir() else path.stem
         listed = [
             known for known, other in self._paths.items() if other.resolve() == path.resolve()
         ]
-        free = name not in (GREEDY, *self._paths)
+        free = name not in (*WRITTEN, *self._paths)
         self.first = listed[0] if listed else name if free else str(path)
         self._paths[self.first], self._loaded[self.first] = path, policy
 
     @property
     def names(self) -> list[str]:
         """All policies, the one that steers first in front."""
-        others = [name for name in (*self._paths, GREEDY) if name != self.first]
+        others = [name for name in (*self._paths, *QUICK) if name != self.first]
         return [self.first, *others][:MOST]
 
     def load(self, name: str) -> Controller:
@@ -56,9 +60,10 @@ class Fleet:
             InputError: none of that name, or its file is damaged.
         """
         if name not in self._loaded:
-            if name not in self._paths:
+            if name not in self.names:
                 raise InputError(f"there is no policy {name!r}: choose one of the list")
-            self._loaded[name] = load(self._paths[name])
+            path = self._paths.get(name)
+            self._loaded[name] = load(path) if path else controller(name)
         return self._loaded[name]
 
 

@@ -101,7 +101,12 @@ def hear(socket, kind, patience=20.0):
 def test_a_browser_is_greeted_with_the_policies_and_the_world(port):
     with client(port) as socket:
         welcome, state = json.loads(socket.recv()), json.loads(socket.recv())
-    assert welcome["type"] == "welcome" and welcome["policies"] == ["greedy", "broken", "one"]
+    assert welcome["type"] == "welcome" and welcome["policies"] == [
+        "greedy",
+        "broken",
+        "one",
+        "approach",
+    ]
     assert state["type"] == "state" and len(state["chains"]) == 1
     assert len(state["chains"][0]["units"]) == len(state["chains"][0]["target"])
 
@@ -336,9 +341,9 @@ def test_a_host_that_is_not_here_is_named():
 def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
     runs = live._asked[1]
     fleet = Fleet(runs=Path(runs))
-    assert set(fleet.names) == {"broken", "one", "greedy"}
+    assert set(fleet.names) == {"broken", "one", "greedy", "approach"}
     chosen = Fleet(str(Path(runs) / "one"), Path(runs))
-    assert chosen.names == ["one", "broken", "greedy"]
+    assert chosen.names == ["one", "broken", "greedy", "approach"]
     twin = tmp_path / "one.safetensors"
     twin.write_bytes((Path(runs) / "one" / "policy.safetensors").read_bytes())
     assert Fleet(str(twin), Path(runs)).first == str(twin)  # another one of that name
@@ -347,6 +352,8 @@ def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
         fleet.load(str(Path(runs) / "one" / "policy.safetensors"))
     with pytest.raises(InputError, match="no such run folder"):
         Fleet(str(tmp_path / "missing"))
+    with pytest.raises(InputError, match="mpc is too slow to steer live"):
+        Fleet("mpc")
 
 
 def test_an_engine_that_fails_ends_the_server(monkeypatch, tmp_path):
