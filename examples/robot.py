@@ -15,6 +15,7 @@ import numpy as np
 import onnxruntime
 
 LINK = 0.07  # m, between neighbouring units
+POSES = ("position", "angle", "velocity", "angular velocity", "target")
 
 
 def body_observation(
@@ -57,7 +58,15 @@ def thrusts(session: Any, *poses: np.ndarray) -> np.ndarray:
     Args:
         session: of onnxruntime, of a policy whose observation is `body`.
         *poses: what `body_observation` takes.
+
+    Raises:
+        ValueError: a pose of another shape, or one that is not finite, such as that of a lost
+            marker: send no thrust then.
     """
+    units = len(poses[1])
+    for what, given, shape in zip(POSES, poses, ((2,), (), (2,), (), (2,)), strict=True):
+        if np.shape(given) != (units, *shape) or not np.isfinite(given).all():
+            raise ValueError(f"{what} must be {(units, *shape)} finite numbers, got {given}")
     return session.run(["thrust"], {"observation": body_observation(*poses)[None]})[0][0]
 
 

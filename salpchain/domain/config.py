@@ -1,6 +1,7 @@
 """Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
 
 from dataclasses import dataclass
+from math import inf
 
 from salpchain.errors import InputError
 
@@ -35,10 +36,17 @@ class TaskConfig:
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
         one_of("time limit", self.time_limit, TIME_LIMITS)
-        if not self.fine_weight >= 0:
-            raise InputError(f"fine weight must be 0 or more, got {self.fine_weight}")
-        if not 0 < self.tolerance <= 1:
-            raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance}")
+        for name in ("fence", "contact"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        if not (_is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
+            raise InputError(f"fine weight must be a number, 0 or more, got {self.fine_weight!r}")
+        if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
+            raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def check_length(length: int) -> int:

@@ -3,15 +3,16 @@
 from collections.abc import Callable
 from typing import Any
 
-from salpchain.domain.config import step_limit
 from salpchain.interop.batch import task_of
 from salpchain.interop.extras import need
-from salpchain.interop.vmas import make_torchrl_env
 
-need("benchmarl", "benchmarl")
+for package in ("torch", "vmas", "tensordict", "torchrl", "benchmarl"):
+    need(package, "benchmarl")
 
 from benchmarl.environments.vmas.common import VmasClass
 from torchrl.envs import EnvBase
+
+from salpchain.interop.vmas import limit_of, make_torchrl_env
 
 
 class SCLDTask(VmasClass):
@@ -38,5 +39,5 @@ def benchmarl_task(max_steps: int | None = None, **settings: Any) -> SCLDTask:
         InputError: an unknown setting, or one that cannot be.
     """
     config = task_of(settings)
-    steps = max_steps or step_limit(config.time_limit, config.length)
+    steps = limit_of(config, max_steps)
     return SCLDTask(name="SCLD", config={**settings, "max_steps": steps})

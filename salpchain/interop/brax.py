@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.domain.config import step_limit
 from salpchain.domain.scld import SCLD, State, renew_done
+from salpchain.errors import InputError
 from salpchain.interop.batch import task_of
 from salpchain.interop.extras import need
 
@@ -47,8 +48,16 @@ class SalpBraxEnv(base.Env):
         return _in_brax(self.scld.reset(rng))
 
     def step(self, state: base.State, action: Float[Array, " act"]) -> base.State:
-        """The episode one control step (0.1 s) later."""
+        """The episode one control step (0.1 s) later.
+
+        Compiled code cannot refuse NaN: it stays in that chain.
+
+        Raises:
+            InputError: an action of another shape.
+        """
         before: Any = state.pipeline_state
+        if action.shape != (self.action_size,):
+            raise InputError(f"action must have shape ({self.action_size},), got {action.shape}")
         new = _in_brax(self.scld.step(before, action.reshape(-1, self.scld.action_size)))
         metrics = {**state.metrics, **new.metrics}  # trainers add some of their own
         return replace(new, metrics=metrics, info=state.info)

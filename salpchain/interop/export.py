@@ -3,18 +3,26 @@
 from importlib import import_module
 from pathlib import Path
 
-from salpchain.control.policy import Policy
+from salpchain.control.policy import Controller, Policy
+from salpchain.domain.config import one_of
+from salpchain.errors import InputError
 from salpchain.interop.layout import metadata
 from salpchain.trees import to_arrays
 
+KINDS = ("onnx", "torch")
 
-def export(policy: Policy, path: Path, kind: str) -> None:
+
+def export(policy: Controller, path: str | Path, kind: str) -> None:
     """The policy as one file of this kind, `onnx` or `torch`.
 
     Raises:
-        InputError: its extra is not installed.
+        InputError: no such kind, no learned policy, or its extra is not installed.
         OSError: the folder is missing or not writable, or the disk is full.
     """
+    one_of("format", kind, KINDS)
+    if not isinstance(policy, Policy):
+        raise InputError(f"only a learned policy can be exported, got {policy!r:.60}")
+    path = Path(path)
     if kind == "onnx":
         import_module("salpchain.interop.onnx").export_onnx(policy, path)
     else:

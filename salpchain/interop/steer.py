@@ -7,14 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.control.policy import Policy
+from salpchain.control.policy import Controller, Policy, PolicyCard
+from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.errors import InputError
 from salpchain.interop.batch import task_of
 
 Steer = Callable[[np.ndarray], np.ndarray]
 
 
-def steering(policy: Policy, **task: Any) -> Steer:
+def steering(policy: Controller, **task: Any) -> Steer:
     """What maps observations (..., unit, feature) to mean actions (..., unit, act), clipped.
 
     Args:
@@ -22,19 +23,18 @@ def steering(policy: Policy, **task: Any) -> Steer:
         **task: the settings that the environment was made with.
 
     Raises:
-        InputError: the policy observes or acts in another way than the environment, or cannot
-            serve its length; an unknown setting.
+        InputError: no learned policy, or one that observes or acts in another way than the
+            environment or cannot serve its length; an unknown setting. Later: observations of
+            another shape.
     """
-    config, card = task_of(task), policy.card
-    for what in ("observation", "action"):
-        ours, theirs = getattr(card, what), getattr(config, what)
-        if ours != theirs:
-            raise InputError(
-                f"{card.name} speaks the {what} {ours!r}, the environment {theirs!r}: make it with"
-                f" {what}={ours!r}"
-            )
-    card.check_serves(config.length)
-    present, joined = jnp.ones(config.length, bool), jnp.ones(config.length - 1, bool)
+    if not isinstance(policy, Policy):
+        raise InputError(
+            f"steering takes a learned policy, as salpchain.load gives it, got {policy!r:.60}"
+        )
+    config = task_of(task)
+    _check_fits(policy.card, config)
+    slots, features = config.length, OBSERVATION_SIZES[config.observation]
+    present, joined = jnp.ones(slots, bool), jnp.ones(slots - 1, bool)
 
     @jax.jit
     def act(rows: jax.Array) -> jax.Array:
@@ -43,7 +43,22 @@ def steering(policy: Policy, **task: Any) -> Steer:
 
     def steer(obs: np.ndarray) -> np.ndarray:
         obs = np.asarray(obs, np.float32)
-        actions = np.array(act(obs.reshape(-1, *obs.shape[-2:])))
+        if obs.shape[-2:] != (slots, features) or not obs.size:
+            raise InputError(
+                f"observations must have shape (..., {slots}, {features}), got {obs.shape}"
+            )
+        actions = np.array(act(obs.reshape(-1, slots, features)))
         return actions.reshape(*obs.shape[:-1], -1)
 
     return steer
+
+
+def _check_fits(card: PolicyCard, config: TaskConfig) -> None:
+    for what in ("observation", "action"):
+        ours, theirs = getattr(card, what), getattr(config, what)
+        if ours != theirs:
+            raise InputError(
+                f"{card.name} speaks the {what} {ours!r}, the environment {theirs!r}: make it with"
+                f" {what}={ours!r}"
+            )
+    card.check_serves(config.length)

@@ -4,15 +4,17 @@ from typing import Any
 
 from salpchain.interop.batch import Batch, task_of
 from salpchain.interop.extras import need
-from salpchain.interop.torch import to_torch
 
 need("torch", "torchrl")
+need("tensordict", "torchrl")
 need("torchrl", "torchrl")
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
+
+from salpchain.interop.torch import to_torch
 
 
 class SalpTorchEnv(EnvBase):

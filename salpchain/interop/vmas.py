@@ -83,7 +83,7 @@ class Scenario(BaseScenario):
         self._start = torch.ones(batch_dim, device=device)
         self._reward = torch.zeros(batch_dim, device=device)
         self._goal = torch.zeros(batch_dim, dtype=torch.bool, device=device)
-        self._before = (self._reward.clone(), self._reward.clone())
+        self._approach, self._fine = self._reward.clone(), self._reward.clone()  # potentials
         self._seen: Tensor | None = None
         return world
 
@@ -102,8 +102,7 @@ class Scenario(BaseScenario):
         self._target[rows] = target_pose(some, length, self.world.device)
         now = potentials(self._positions()[rows], self._target[rows])
         self._start[rows] = now[0]
-        for old, new in zip(self._before, now, strict=True):
-            old[rows] = new
+        self._approach[rows], self._fine[rows] = now
         self._goal[rows] = False
         self._seen = None
 
@@ -112,9 +111,9 @@ class Scenario(BaseScenario):
         position = self._positions()
         now = potentials(position, self._target)
         self._goal = reached(position, self._target, self.config.tolerance)
-        approach, fine = (old - new for old, new in zip(self._before, now, strict=True))
+        approach, fine = self._approach - now[0], self._fine - now[1]
         self._reward = approach + self._goal.float() + self.config.fine_weight * fine
-        self._before = now
+        self._approach, self._fine = now
         self._seen = None
 
     def observation(self, agent: Agent) -> Tensor:
@@ -135,7 +134,7 @@ class Scenario(BaseScenario):
 
     def info(self, agent: Agent) -> dict[str, Tensor]:
         """`goal` and `closed_fraction`, (env, 1)."""
-        closed = 1 - self._before[0] / self._start
+        closed = 1 - self._approach / self._start
         return {"goal": self._goal.float()[:, None], "closed_fraction": closed[:, None]}
 
     def chains(self) -> Chains:
@@ -281,12 +280,13 @@ def make_torchrl_env(
     Raises:
         InputError: an unknown setting, or one that cannot be; TorchRL is not installed.
     """
-    config = task_of(settings)
+    limit = limit_of(task_of(settings), max_steps)
+    need("tensordict", "torchrl")
     need("torchrl", "torchrl")
     from torchrl.envs import StepCounter, TransformedEnv
     from torchrl.envs.libs.vmas import VmasEnv
 
-    env = VmasEnv(
+    env: Any = VmasEnv(
         scenario=Scenario(),
         num_envs=num_envs,
         continuous_actions=continuous_actions,
@@ -296,5 +296,17 @@ def make_torchrl_env(
         clamp_actions=True,
         **settings,
     )
-    limit = max_steps or step_limit(config.time_limit, config.length)
     return TransformedEnv(env, StepCounter(limit))
+
+
+def limit_of(config: TaskConfig, max_steps: int | None) -> int:
+    """Control steps until an episode is truncated: `max_steps`, or else those of the task.
+
+    Raises:
+        InputError: not a whole number of steps, at least 1.
+    """
+    if max_steps is None:
+        return step_limit(config.time_limit, config.length)
+    if not isinstance(max_steps, int) or isinstance(max_steps, bool) or max_steps < 1:
+        raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
+    return max_steps

@@ -1,4 +1,6 @@
 import functools
+import subprocess
+import sys
 
 import equinox as eqx
 import jax
@@ -145,11 +147,28 @@ def test_the_shortest_and_the_longest_chain_swim(length):
 @pytest.mark.parametrize("settings", [
     {"length": 1}, {"length": 513}, {"observation": "sonar"},
     {"action": "push"}, {"time_limit": "never"}, {"fine_weight": -1.0},
+    {"fine_weight": float("inf")}, {"fine_weight": float("nan")}, {"tolerance": 0.0},
 ])  # fmt: skip
 def test_a_task_that_cannot_be_is_refused_with_one_line(settings):
     with pytest.raises(InputError) as error:
         TaskConfig(**settings)
     assert "\n" not in str(error.value)
+
+
+def test_settings_of_a_wrong_type_are_refused_with_one_line():
+    """In a process of its own: here, the types of all arguments are checked by beartype."""
+    program = """
+from salpchain import InputError, TaskConfig
+for wrong in ({"fence": "no"}, {"contact": None}, {"fence": 3}, {"length": "8"},
+              {"fine_weight": "a"}, {"fine_weight": None}, {"tolerance": "x"}):
+    try:
+        TaskConfig(**wrong)
+    except InputError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    said = done.stdout.splitlines()
+    assert len(said) == 7 and said[0] == "fence must be True or False, got 'no'"
 
 
 def test_mixed_lengths_in_one_batch_are_what_each_is_alone():

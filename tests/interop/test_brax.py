@@ -48,6 +48,12 @@ def test_a_wrapped_batch_truncates_at_the_time_limit_and_begins_elsewhere():
     assert not np.array_equal(first, second) and not np.array_equal(second, third)
 
 
+def test_an_action_of_another_size_is_refused_and_not_broadcast():
+    env = SalpBraxEnv(**TASK)
+    with pytest.raises(InputError, match=r"action must have shape \(2,\), got \(1,\)"):
+        env.step(env.reset(jax.random.key(0)), jnp.ones(1))
+
+
 def test_a_wrong_setting_is_named():
     with pytest.raises(InputError, match="length must be"):
         SalpBraxEnv(length=1)

@@ -12,9 +12,12 @@ import torch
 
 from examples.robot import body_observation, thrusts
 from salpchain.cli.main import run
+from salpchain.control.greedy import Greedy
 from salpchain.control.storage import save_policy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
+from salpchain.errors import InputError
+from salpchain.interop.export import export
 from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.network import load_torch
 from tests.interop.policies import fresh
@@ -85,6 +88,28 @@ def test_the_robot_sees_and_does_what_the_policy_does_in_jax(swum, folder):
         np.testing.assert_allclose(
             thrusts(session, *poses(swum, index)), expected[index, :, 0], atol=1e-4
         )
+
+
+@pytest.mark.parametrize(("which", "bad"), [(0, np.nan), (4, np.inf)])
+def test_a_robot_that_lost_a_marker_sends_no_thrust(swum, which, bad):
+    given = poses(swum, 0)
+    given[which][2, 1] = bad
+    with pytest.raises(ValueError, match=("position" if which == 0 else "target") + " must be"):
+        thrusts(None, *given)
+
+
+def test_a_robot_takes_no_pose_that_only_broadcasts(swum):
+    *rest, target = poses(swum, 0)
+    with pytest.raises(ValueError, match=r"target must be \(6, 2\) finite numbers"):
+        thrusts(None, *rest, target[:1])
+
+
+def test_an_unknown_format_or_a_controller_without_weights_is_refused(tmp_path):
+    with pytest.raises(InputError, match="unknown format 'ONNX': choose one of onnx, torch"):
+        export(fresh(), tmp_path / "x.ONNX", "ONNX")
+    with pytest.raises(InputError, match="only a learned policy can be exported"):
+        export(Greedy(), str(tmp_path / "x.onnx"), "onnx")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_robots_program_runs_without_jax(folder):

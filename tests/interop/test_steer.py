@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from salpchain.control.greedy import Greedy
 from salpchain.errors import InputError
 from salpchain.interop.steer import steering
 from tests.interop.policies import fresh
@@ -25,3 +26,14 @@ def test_it_acts_as_the_policy_does_with_a_batch_and_without():
 def test_a_policy_that_does_not_fit_the_environment_is_refused(policy, task, word):
     with pytest.raises(InputError, match=word):
         steering(policy, **task)
+
+
+def test_only_a_learned_policy_maps_observations():
+    with pytest.raises(InputError, match="takes a learned policy"):
+        steering(Greedy(), length=3)
+
+
+@pytest.mark.parametrize("shape", [(3, 22), (5, 21), (22,), (0, 5, 22)])
+def test_observations_of_another_shape_are_refused(shape):
+    with pytest.raises(InputError, match=r"must have shape \(\.\.\., 5, 22\)"):
+        steering(fresh(), length=5)(np.zeros(shape))

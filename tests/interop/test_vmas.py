@@ -84,7 +84,7 @@ def test_observations_rewards_and_dones_are_ours_on_the_same_states(observation,
             entity.state.pos[1, 0] += shift
     scenario._target[2] = scenario.chains().position[2] + 0.01  # a chain that has arrived
     there = torch_task.potentials(scenario.chains().position, scenario._target)
-    for old, new in zip(scenario._before, there, strict=True):
+    for old, new in zip((scenario._approach, scenario._fine), there, strict=True):
         old[1:3] = new[1:3]  # of the chains that were moved
     target, judge = jnp.asarray(scenario._target.numpy()), compared(domain)
     before = jax.jit(jax.vmap(distances))(ours(env), target)
@@ -174,6 +174,20 @@ def test_a_nan_is_named_with_its_environment_and_moves_nothing():
         env.step(action)
     np.testing.assert_array_equal(env.scenario.chains().position, before)
     assert (env.steps == 0).all()
+
+
+@pytest.mark.parametrize("steps", [0, -1])
+def test_a_time_limit_that_cannot_be_is_refused(steps):
+    with pytest.raises(InputError, match="max_steps must be a whole number, at least 1"):
+        make_torchrl_env(num_envs=1, length=2, max_steps=steps)
+
+
+def test_everything_moves_to_another_device():
+    env = environment(length=2, envs=2)
+    env.scenario.to("meta")
+    held = jax.tree.leaves(list(vars(env.scenario).values()))
+    tensors = [value for value in held if isinstance(value, torch.Tensor)]
+    assert len(tensors) >= 6 and all(value.device.type == "meta" for value in tensors)
 
 
 def test_an_unknown_setting_is_refused():
