@@ -1,6 +1,5 @@
 """Actor and critic on a shared graph trunk (paper section 4.1; DESIGN section 5)."""
 
-from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import equinox as eqx
@@ -34,11 +33,11 @@ class Trunk(Protocol):
         ...
 
 
-TRUNKS: dict[str, Callable[[PRNGKeyArray, int], Trunk]] = {
-    "gcn": gcn,
-    "gatv2": gatv2,
-    "gt": gt,
-}
+def trunk(key: PRNGKeyArray, config: ControlConfig, inputs: int) -> Trunk:
+    """The graph network of these settings, with fresh weights."""
+    if config.model == "gcn":
+        return gcn(key, inputs, config.improved)
+    return {"gatv2": gatv2, "gt": gt}[config.model](key, inputs)
 
 
 @runtime_checkable
@@ -105,7 +104,7 @@ def actor_critic(
         return mlp(key, inputs, actions, length, log_std)
     trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
     return GraphActorCritic(
-        trunk=TRUNKS[config.model](trunk_key, inputs),
+        trunk=trunk(trunk_key, config, inputs),
         actor=head(actor_key, [WIDTH, WIDTH, WIDTH, actions], ACTOR_GAIN),
         critic=head(critic_key, [WIDTH, WIDTH, WIDTH, 1]),
         score=head(score_key, [WIDTH, WIDTH, 1]),

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from salpchain.domain.config import one_of
+from salpchain.errors import InputError
 
 MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
 SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
@@ -14,13 +15,17 @@ class ControlConfig:
     """Which network steers the units.
 
     Raises:
-        InputError: an unknown model or graph; the message lists the known ones.
+        InputError: an unknown model or graph; the message lists the known ones. `improved` for
+            another model than gcn.
     """
 
     model: str = "gcn"
     graph: str = "mixed"
     shared_log_std: bool = True  # one for each kind of action; else one for each unit (the paper's)
+    improved: bool = False  # gcn counts a unit's own features twice (PyG `GCNConv(improved=True)`)
 
     def __post_init__(self) -> None:
         one_of("model", self.model, MODELS)
         one_of("graph", self.graph, GRAPH_NAMES)
+        if self.improved and self.model != "gcn":
+            raise InputError(f"improved belongs to the model gcn, got model {self.model}")

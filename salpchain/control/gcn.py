@@ -6,7 +6,9 @@ from jaxtyping import PRNGKeyArray
 from salpchain.control.layers import WIDTH, TwoLayers, gcn_conv
 
 
-def gcn(key: PRNGKeyArray, inputs: int) -> TwoLayers:
-    """A trunk with fresh weights."""
+def gcn(key: PRNGKeyArray, inputs: int, improved: bool = False) -> TwoLayers:
+    """A trunk with fresh weights; `improved` as `GCNConv` has it."""
     first_key, second_key = jr.split(key)
-    return TwoLayers(gcn_conv(first_key, inputs, WIDTH), gcn_conv(second_key, WIDTH, WIDTH))
+    return TwoLayers(
+        gcn_conv(first_key, inputs, WIDTH, improved), gcn_conv(second_key, WIDTH, WIDTH, improved)
+    )

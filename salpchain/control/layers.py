@@ -25,9 +25,14 @@ class Linear(eqx.Module):
 
 
 class GCNConv(eqx.Module):
-    """Graph convolution with symmetric normalisation (paper equation 2; PyG `GCNConv`)."""
+    """Graph convolution with symmetric normalisation (paper equation 2; PyG `GCNConv`).
+
+    `improved` counts each node's own features twice (PyG's option of that name). Without, two nodes
+    that see each other get the same sum, whatever the weights: so do the units of a chain of two.
+    """
 
     linear: Linear
+    improved: bool = eqx.field(static=True, default=False)
 
     def __call__(
         self, x: Float[Array, "unit inputs"], graph: Graph
@@ -36,8 +41,11 @@ class GCNConv(eqx.Module):
 
         The sum is taken before the product: the same, and cheaper where inputs are few.
         """
-        scale = jax.lax.rsqrt(graph.degree().astype(x.dtype))[:, None]
-        return self.linear(scale * graph.gather(scale * x))
+        again = 1 if self.improved else 0
+        scale = jax.lax.rsqrt((graph.degree() + again).astype(x.dtype))[:, None]
+        scaled = scale * x
+        summed = graph.gather(scaled) + scaled if self.improved else graph.gather(scaled)
+        return self.linear(scale * summed)
 
 
 class GATv2Conv(eqx.Module):
@@ -155,9 +163,9 @@ def _glorot_linear(key: PRNGKeyArray, inputs: int, outputs: int) -> Linear:
     return Linear(_glorot(key, inputs, outputs), jnp.zeros(outputs))
 
 
-def gcn_conv(key: PRNGKeyArray, inputs: int, outputs: int) -> GCNConv:
+def gcn_conv(key: PRNGKeyArray, inputs: int, outputs: int, improved: bool = False) -> GCNConv:
     """Weights uniform as Glorot has them, biases zero: PyG's defaults."""
-    return GCNConv(_glorot_linear(key, inputs, outputs))
+    return GCNConv(_glorot_linear(key, inputs, outputs), improved)
 
 
 def gatv2_conv(key: PRNGKeyArray, inputs: int, features: int, heads: int) -> GATv2Conv:

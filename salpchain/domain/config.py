@@ -29,6 +29,7 @@ class TaskConfig:
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
     contact: bool = True  # units collide
     fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
+    folded: float = 0.0  # share of episodes that start from a folded chain; 0 is the paper's
     tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
 
     def __post_init__(self) -> None:
@@ -41,6 +42,8 @@ class TaskConfig:
                 raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if not (_is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
             raise InputError(f"fine weight must be a number, 0 or more, got {self.fine_weight!r}")
+        if not (_is_number(self.folded) and 0 <= self.folded <= 1):
+            raise InputError(f"folded must be a share, 0 to 1, got {self.folded!r}")
         if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
             raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
 

@@ -21,7 +21,7 @@ from salpchain.domain.config import (
     TaskConfig,
 )
 from salpchain.domain.observation import observe
-from salpchain.domain.pose import draw, spawn, target_pose
+from salpchain.domain.pose import draw, folded, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.physics.batching import redo
 from salpchain.physics.chain import Chain, Physics, heading, step
@@ -93,8 +93,17 @@ class SCLD(eqx.Module):
         length = slots if length is None else length
         chance = draw(draw_key)
         chain = spawn(chance, slots, length)
+        if self.config.folded > 0:
+            chain = self._folded(key, chain, length)
         target = target_pose(chance, slots, length)
         return self.start(chain, target, next_key)
+
+    def _folded(self, key: PRNGKeyArray, chain: Chain, length: int | Array) -> Chain:
+        """The chain, folded in the share of episodes that the settings ask for."""
+        which, how = jr.split(jr.fold_in(key, 1))
+        bent = folded(how, chain, length)
+        chosen = jr.uniform(which) < self.config.folded
+        return jax.tree.map(lambda one, other: jnp.where(chosen, one, other), bent, chain)
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own."""

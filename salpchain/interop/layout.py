@@ -92,6 +92,7 @@ def metadata(card: PolicyCard) -> dict[str, str]:
         "name": card.name,
         "model": card.control.model,
         "graph": card.control.graph,
+        "improved": json.dumps(card.control.improved),
         "training_lengths": json.dumps(card.lengths or (card.length,)),
         "serves_units": str(card.length) if single else "any",
         "observation": card.observation,

@@ -82,8 +82,11 @@ class TorchPolicy(nn.Module):
         return apart <= 1 if self.about["graph"] == "mixed" else apart >= 0
 
     def _gcn(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
-        scale = sees.sum(1).to(x.dtype).rsqrt()
-        passed = scale[:, None] * sees.to(x.dtype) * scale
+        weights = sees.to(x.dtype)
+        if self.about.get("improved") == "true":  # files of older versions do not say
+            weights = weights + torch.eye(len(sees), dtype=x.dtype, device=x.device)
+        scale = weights.sum(1).rsqrt()
+        passed = scale[:, None] * weights * scale
         return self._linear(f"{name}_linear", passed @ x)
 
     def _gatv2(self, name: str, x: Tensor, sees: Tensor) -> Tensor:

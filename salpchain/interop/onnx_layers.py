@@ -183,8 +183,13 @@ def graph_layer(layer: GCNConv | GATv2Conv | TransformerConv, x: str, graph: See
 
 def _gcn(layer: GCNConv, x: str, graph: Seen) -> str:
     build = graph.builder
-    root = build.op("Sqrt", graph.degree)
-    summed = build.op("Div", graph.gather(build.op("Div", x, root)), root)
+    degree = build.op("Add", graph.degree, 1.0) if layer.improved else graph.degree
+    root = build.op("Sqrt", degree)
+    scaled = build.op("Div", x, root)
+    summed = graph.gather(scaled)
+    if layer.improved:
+        summed = build.op("Add", summed, scaled)
+    summed = build.op("Div", summed, root)
     if isinstance(graph, Full):  # the same for all units: once for each
         summed = build.op("Mul", summed, build.ones(x))
     return build.linear(layer.linear, summed)

@@ -11,6 +11,9 @@ PAPER_EPISODES = 60_000  # Table 2
 EPISODE_STEPS = 512  # the paper's time limit
 # Chain-steps of `quick` (chosen; docs/measurements.md)
 QUICK_STEPS, QUICK_STEPS_PER_UNIT = 1_000_000, 62_500
+# Of `quick` on several lengths (chosen; docs/measurements.md)
+TIGHT = 0.02  # m, Frechet distance at which the target pose is taken
+FOLDED = 0.3  # share of episodes that start from a folded chain
 
 
 def quick(length: int) -> TrainConfig:
@@ -25,6 +28,22 @@ def quick(length: int) -> TrainConfig:
         control=ControlConfig(shared_log_std=True),
         ppo=PPOConfig(),
         steps=QUICK_STEPS + QUICK_STEPS_PER_UNIT * length,
+    )
+
+
+def many_lengths(config: TrainConfig) -> TrainConfig:
+    """`quick` for several lengths at once: what makes a controller hold at lengths never trained.
+
+    Each unit's probability ratio is clipped, so that long chains do not drown short ones. The goal
+    is tighter than the judge's, for a controller that stops just inside the judge's at one length
+    stops just outside at another. Some episodes start folded, for long chains tangle. And `gcn`
+    counts a unit's own features twice, or the two units of a pair could not act differently.
+    """
+    return replace(
+        config,
+        task=replace(config.task, tolerance=TIGHT, folded=FOLDED),
+        control=replace(config.control, improved=config.control.model == "gcn"),
+        ppo=replace(config.ppo, ratio="unit"),
     )
 
 
@@ -79,10 +98,10 @@ def choose(
         length = mix.lengths[-1]
     base = PRESETS[name](TaskConfig.length if length is None else length)
     many = mix is not None and len(mix.lengths) > 1
-    ppo = _changed(base.ppo, ratio="unit" if many else None)
     task = _changed(base.task, observation=observation)
     control = _changed(base.control, model=model, graph=graph)
-    return _changed(base, task=task, control=control, ppo=ppo, mix=mix, seed=seed, steps=steps)
+    config = _changed(base, task=task, control=control, mix=mix, seed=seed, steps=steps)
+    return many_lengths(config) if many and name == "quick" else config
 
 
 def _changed(config: Any, **values: object) -> Any:

@@ -86,6 +86,15 @@ def gcn_pair():
     return ours, theirs
 
 
+def improved_pair():
+    ours = shaken(gcn_conv(jr.key(0), INPUTS, OUTPUTS, improved=True))
+    theirs = nn.GCNConv(INPUTS, OUTPUTS, improved=True)
+    copy(theirs.lin.weight, ours.linear.weight.T)
+    copy(theirs.bias, ours.linear.bias)
+    # Without weights of the edges, PyG 2.8 gives its self loops the weight 1, improved or not.
+    return ours, lambda x, graph: theirs(x, graph, torch.ones(graph.shape[1]))
+
+
 def gatv2_pair():
     ours = shaken(gatv2_conv(jr.key(0), INPUTS, OUTPUTS, 2))
     theirs = nn.GATv2Conv(INPUTS, OUTPUTS, heads=2, add_self_loops=False)
@@ -109,13 +118,15 @@ def gt_pair():
 run = eqx.filter_jit(lambda layer, x, graph: layer(x, graph))
 slope = eqx.filter_jit(jax.grad(lambda x, layer, graph: (layer(x, graph)[ALIVE] ** 2).sum()))
 
-PAIRS = {"gcn": gcn_pair, "gatv2": gatv2_pair, "gt": gt_pair}
+PAIRS = {"gcn": gcn_pair, "improved": improved_pair, "gatv2": gatv2_pair, "gt": gt_pair}
 
 
 def given(layer, graph):
     """Both layers, the graph as each wants it, and features."""
     ours_graph, sees = GRAPHS[graph]
     x = np.random.default_rng(1).normal(size=(SLOTS, INPUTS)).astype(np.float32)
+    if layer == "improved":  # PyG adds self loops where there are none
+        sees = sees & ~np.eye(SLOTS, dtype=bool)
     return *PAIRS[layer](), ours_graph, edges(sees), x
 
 

@@ -187,3 +187,12 @@ def test_mixed_lengths_in_one_batch_are_what_each_is_alone():
         assert float(together.distances.mean[row]) == pytest.approx(
             float(state.distances.mean), abs=5e-4
         )
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_a_share_of_the_episodes_starts_folded(share):
+    states = env_of(length=8, folded=share).reset_all(jr.split(jr.key(0), 1000))
+    bent = np.ptp(np.asarray(states.chain.links.angle), axis=1) > 1e-3
+    assert abs(bent.mean() - share) < 0.05
+    straight = env_of(length=8).reset_all(jr.split(jr.key(0), 1000))
+    np.testing.assert_array_equal(states.target, straight.target)

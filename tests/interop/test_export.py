@@ -21,7 +21,7 @@ from salpchain.interop.export import export
 from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.network import load_torch
 from tests.interop.policies import fresh
-from tests.interop.test_onnx import GRAPH_POLICIES, actions, observed
+from tests.interop.test_onnx import KINDS, actions, observed
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -33,9 +33,9 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("model", "graph"), [*GRAPH_POLICIES, ("mlp", "mixed")])
-def test_the_torch_module_acts_as_jax_does(model, graph, tmp_path):
-    policy = fresh(model, graph, action="pair", length=5)
+@pytest.mark.parametrize(("model", "graph", "improved"), [*KINDS, ("mlp", "mixed", False)])
+def test_the_torch_module_acts_as_jax_does(model, graph, improved, tmp_path):
+    policy = fresh(model, graph, action="pair", length=5, improved=improved)
     save_policy(policy, tmp_path / "policy.safetensors")
     out = tmp_path / "out.safetensors"
     assert run(["export", str(tmp_path), "--format", "torch", "--out", str(out)]) == 0

@@ -12,7 +12,9 @@ from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.onnx import export_onnx
 from tests.interop.policies import fresh
 
-GRAPH_POLICIES = [(m, g) for m in ("gcn", "gatv2", "gt") for g in ("mixed", "full")]
+GRAPHS = ("mixed", "full")
+KINDS = [(model, graph, False) for model in ("gcn", "gatv2", "gt") for graph in GRAPHS]
+KINDS += [("gcn", graph, True) for graph in GRAPHS]
 
 
 def actions(policy, obs):
@@ -36,9 +38,9 @@ def actions_at_all(policy, lengths):
     return [np.clip(row[:n], -1, 1) for row, n in zip(acted, lengths, strict=True)]
 
 
-@pytest.mark.parametrize(("model", "graph"), GRAPH_POLICIES)
-def test_onnxruntime_acts_as_jax_does_at_every_length(model, graph, tmp_path):
-    policy, lengths = fresh(model, graph), (2, 5, 8, 64, 128)
+@pytest.mark.parametrize(("model", "graph", "improved"), KINDS)
+def test_onnxruntime_acts_as_jax_does_at_every_length(model, graph, improved, tmp_path):
+    policy, lengths = fresh(model, graph, improved=improved), (2, 5, 8, 64, 128)
     export_onnx(policy, tmp_path / "policy.onnx")
     session = onnxruntime.InferenceSession(tmp_path / "policy.onnx")
     for units, expected in zip(lengths, actions_at_all(policy, lengths), strict=True):
