@@ -27,7 +27,7 @@ from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load
-from salpchain.domain.config import TaskConfig
+from salpchain.domain.config import FIXED_LIMIT, TaskConfig
 from salpchain.files import read_json, write_json
 from salpchain.interop.batch import programs
 
@@ -59,7 +59,7 @@ def gymnasium_share() -> dict[str, Any]:
 
 
 def _bare(actions: np.ndarray) -> Callable[[], None]:
-    parts = programs(TaskConfig(length=UNITS))
+    parts = programs(TaskConfig(length=UNITS), FIXED_LIMIT)
     states = parts.reset(jr.split(jr.key(0), ENVS))
 
     def step() -> None:

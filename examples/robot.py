@@ -1,4 +1,4 @@
-"""The robot's side of a policy: NumPy and onnxruntime, no JAX. `thrusts` is all that a loop needs.
+"""The robot's side of a policy: NumPy and onnxruntime, no JAX. `swim` is the loop.
 
 python examples/robot.py POLICY.onnx
 
@@ -9,6 +9,8 @@ along the chain; it pushes along its heading, 90 degrees anticlockwise of that, 
 """
 
 import sys
+import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -70,11 +72,49 @@ def thrusts(session: Any, *poses: np.ndarray) -> np.ndarray:
     return session.run(["thrust"], {"observation": body_observation(*poses)[None]})[0][0]
 
 
+def opened(path: str, units: int) -> Any:
+    """The session of onnxruntime for a policy that sees `body` and can steer so many units.
+
+    Raises:
+        ValueError: the file is of another policy.
+    """
+    session = onnxruntime.InferenceSession(path)
+    about = session.get_modelmeta().custom_metadata_map
+    if about.get("observation") != "body":
+        raise ValueError(f"{path} must be of a policy that sees body, not {about}")
+    if about["serves_units"] not in ("any", str(units)):
+        raise ValueError(f"{path} steers {about['serves_units']} units, the robot has {units}")
+    return session
+
+
+def swim(session: Any, read: Callable[[], Any], send: Callable[[Any], None], steps: int) -> None:
+    """So many control steps, in time: `read` gives poses, `send` takes thrusts (n,) in newton.
+
+    Where a pose cannot be used, the thrusts are zero.
+    """
+    period = float(session.get_modelmeta().custom_metadata_map["control_step_seconds"])
+    due = time.monotonic()
+    for _ in range(steps):
+        poses = read()
+        try:
+            send(thrusts(session, *poses))
+        except ValueError as error:
+            print(f"no thrust: {error}", file=sys.stderr)
+            send(np.zeros(len(poses[1])))
+        due += period
+        time.sleep(max(0.0, due - time.monotonic()))
+
+
 def main() -> None:
-    """Ten times a second: read poses, send thrusts. Here a chain of 8 units that stands still."""
-    session = onnxruntime.InferenceSession(sys.argv[1])
+    """One second of a chain of 8 units that stands still. Put your own `read` and `send` here."""
+    if len(sys.argv) != 2:
+        sys.exit("usage: python examples/robot.py POLICY.onnx (of: salpchain export POLICY)")
     place, still = np.arange(8)[:, None] * [LINK, 0.0], np.zeros(8)
-    print(thrusts(session, place, still, np.zeros((8, 2)), still, place + np.array([0.5, 0.5])))
+    poses = place, still, np.zeros((8, 2)), still, place + np.array([0.5, 0.5])
+    try:
+        swim(opened(sys.argv[1], 8), lambda: poses, print, 10)
+    except (ValueError, onnxruntime.capi.onnxruntime_pybind11_state.NoSuchFile) as error:
+        sys.exit(f"robot: {error}")
 
 
 if __name__ == "__main__":

@@ -145,6 +145,8 @@ def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Ar
         content = path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"no such file: {path}") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder: give the file in it") from None
     about = _about(path, kind, content)
     if about["version"] > version:
         raise InputError(

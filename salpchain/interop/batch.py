@@ -1,9 +1,7 @@
 """A batch of chains stepped by one compiled program: what the bridges to Python tools drive."""
 
 import functools
-import secrets
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,15 +11,19 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.domain.config import TaskConfig, check_seed, one_of
+from salpchain.domain.config import TaskConfig, step_limit
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
+from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
 
-MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
+Seeds = int | Sequence[int | None] | np.ndarray | None
 
 
 class Outcome(eqx.Module):
-    """What a step gave each chain; `obs` is of the new episode where one was begun."""
+    """What a step gave each chain; `obs` is of the new episode where one was begun.
+
+    Observations are float32, whatever JAX's precision.
+    """
 
     obs: Float[Array, "env unit feature"]
     reward: Float[Array, " env"]
@@ -44,16 +46,20 @@ class Programs(NamedTuple):
 
 
 @functools.cache
-def programs(config: TaskConfig) -> Programs:
-    """The compiled programs of this task; the same ones for equal configs."""
+def programs(config: TaskConfig, limit: int) -> Programs:
+    """The compiled programs of this task with this time limit; the same ones for equal ones."""
     env = SCLD(config)
 
-    def advance(states: State, action: Array) -> tuple[State, Outcome]:
+    def stepped(states: State, action: Array) -> State:
         after = jax.vmap(env.step)(states, action)
+        return eqx.tree_at(lambda s: s.truncated, after, after.time >= limit)
+
+    def advance(states: State, action: Array) -> tuple[State, Outcome]:
+        after = stepped(states, action)
         return after, _outcome(after, after)
 
     def step(states: State, action: Array) -> tuple[State, Outcome]:
-        after = jax.vmap(env.step)(states, action)
+        after = stepped(states, action)
         renewed = renew_done(env, after)
         return renewed, _outcome(after, renewed)
 
@@ -73,11 +79,11 @@ def _with_ends(states: State, terminated: Array, truncated: Array) -> State:
 
 def _outcome(after: State, renewed: State) -> Outcome:
     return Outcome(
-        obs=renewed.obs,
+        obs=renewed.obs.astype(jnp.float32),
         reward=after.reward,
         terminated=after.terminated,
         truncated=after.truncated & ~after.terminated,
-        final_obs=after.obs,
+        final_obs=after.obs.astype(jnp.float32),
         distance=after.distances.mean,
         closed_fraction=after.closed_fraction,
         goal=after.goal,
@@ -88,20 +94,47 @@ def _outcome(after: State, renewed: State) -> Outcome:
 class Batch:
     """`num_envs` chains that are reset and stepped together.
 
+    It can be copied and pickled, episodes and all.
+
     Raises:
-        InputError: a number of chains that cannot be.
+        InputError: a number of chains or a time limit that cannot be.
     """
 
-    def __init__(self, config: TaskConfig, num_envs: int = 1, renew: bool = True) -> None:
-        """With `renew`, a finished episode is followed by a new one in the same step."""
-        whole = isinstance(num_envs, int) and not isinstance(num_envs, bool)
-        if not whole or not 1 <= num_envs <= MOST_ENVS:
-            raise InputError(f"num_envs must be 1 to {MOST_ENVS:,}, got {num_envs!r}")
-        self.config, self.num_envs = config, num_envs
+    def __init__(
+        self,
+        config: TaskConfig,
+        num_envs: int = 1,
+        renew: bool = True,
+        max_steps: int | None = None,
+    ) -> None:
+        """With `renew`, a finished episode is followed by a new one in the same step.
+
+        Episodes are truncated after `max_steps`, or earlier where the task's own limit is shorter.
+        """
+        self.config, self.num_envs, self.renew = config, checked_envs(num_envs), renew
+        own = step_limit(config.time_limit, config.length)
+        self.limit = min(limit_of(config, max_steps), own)
         self.env = SCLD(config)
         self.states: State | None = None
-        self._programs = programs(config)
-        self._step = self._programs.step if renew else self._programs.advance
+
+    @property
+    def _programs(self) -> Programs:
+        return programs(self.config, self.limit)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything as plain values: random keys as their numbers."""
+        plain = dict(vars(self))
+        if self.states is not None:
+            states = eqx.tree_at(lambda s: s.key, self.states, jr.key_data(self.states.key))
+            plain["states"] = jax.tree.map(np.asarray, states)
+        return plain
+
+    def __setstate__(self, plain: dict[str, Any]) -> None:
+        """The batch that `__getstate__` told of."""
+        vars(self).update(plain)
+        if self.states is not None:
+            states = jax.tree.map(jnp.asarray, self.states)
+            self.states = eqx.tree_at(lambda s: s.key, states, jr.wrap_key_data(states.key))
 
     @property
     def observation_shape(self) -> tuple[int, int]:
@@ -113,11 +146,11 @@ class Batch:
         """(unit, act), of one chain."""
         return self.config.length, self.env.action_size
 
-    def reset(self, seed: int | Sequence[int] | None = None) -> Float[Array, "env unit feature"]:
+    def reset(self, seed: Seeds = None) -> Float[Array, "env unit feature"]:
         """Observations of new episodes of all chains; the same seed gives the same episodes.
 
         With one seed, chain i starts from seed + i; without any, from where its episodes have
-        led, or by chance if it had none.
+        led, or by chance if it had none. Of a list of seeds, one that is None is drawn by chance.
 
         Raises:
             InputError: a seed that cannot be, or not one for each chain.
@@ -127,21 +160,25 @@ class Batch:
         else:
             keys = jax.vmap(jr.key)(self._seeds(seed))
         self.states = self._programs.reset(keys)
-        return self.states.obs
+        return self.states.obs.astype(jnp.float32)
 
-    def _seeds(self, seed: int | Sequence[int] | None) -> np.ndarray:
-        first = secrets.randbits(32) if seed is None else seed
-        if isinstance(first, Sequence):
-            if len(first) != self.num_envs:
-                raise InputError(f"seeds must be {self.num_envs}, got {len(first)}")
-            return np.array([_seed(each) for each in first], np.uint32)
-        return ((_seed(first) + np.arange(self.num_envs)) % 2**32).astype(np.uint32)
+    def _seeds(self, seed: Seeds) -> np.ndarray:
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            if len(seed) != self.num_envs:
+                raise InputError(f"seeds must be {self.num_envs}, got {len(seed)}")
+            return np.array([checked_seed(each) for each in seed], np.uint32)
+        return ((checked_seed(seed) + np.arange(self.num_envs)) % 2**32).astype(np.uint32)
 
-    def reset_some(self, flags: Bool[Any, " env"]) -> Float[Array, "env unit feature"]:
-        """Observations, after new episodes of the flagged chains alone.
+    def reset_some(self, flags: Any, seed: Seeds = None) -> Float[Array, "env unit feature"]:
+        """Observations, after new episodes of the flagged chains alone; seeds as in `reset`.
+
+        Args:
+            flags: (env,) of bool.
+            seed: for every chain, flagged or not.
 
         Raises:
-            InputError: never reset before, or flags that are not one boolean for each chain.
+            InputError: never reset before, flags that are not one boolean for each chain, or a seed
+                that cannot be.
         """
         states = self.started()
         flags = np.asarray(flags)
@@ -150,8 +187,11 @@ class Batch:
                 f"reset flags must be {self.num_envs} booleans, got {flags.dtype} of shape"
                 f" {flags.shape}"
             )
+        if seed is not None:
+            keys = jax.vmap(jr.key)(self._seeds(seed))
+            states = eqx.tree_at(lambda s: s.key, states, jnp.where(flags, keys, states.key))
         self.states = self._programs.renew(states, flags)
-        return self.states.obs
+        return self.states.obs.astype(jnp.float32)
 
     def step(self, action: Any) -> Outcome:
         """What one control step (0.1 s) gives; the states are untouched where it is refused.
@@ -164,7 +204,16 @@ class Batch:
         """
         states = self.started()
         action = checked_actions(action, (self.num_envs, *self.action_shape))
-        self.states, outcome = self._step(states, action)
+        return self._stepped(states, action)
+
+    def step_one(self, action: Any) -> Outcome:
+        """The same for a batch of one, whose action has no axis of environments: (unit, act)."""
+        states = self.started()
+        return self._stepped(states, checked_actions(action, self.action_shape)[None])
+
+    def _stepped(self, states: State, action: Any) -> Outcome:
+        step = self._programs.step if self.renew else self._programs.advance
+        self.states, outcome = step(states, action)
         return outcome
 
     def started(self) -> State:
@@ -174,44 +223,5 @@ class Batch:
             InputError: there are none yet.
         """
         if self.states is None:
-            raise InputError("the environment was never reset: call reset() before step()")
+            raise InputError("the environment was never reset: call reset() first")
         return self.states
-
-
-def task_of(settings: dict[str, Any]) -> TaskConfig:
-    """The task with these settings, by the names of `TaskConfig`.
-
-    Raises:
-        InputError: an unknown setting, or one that cannot be.
-    """
-    for name in settings:
-        one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
-    return TaskConfig(**settings)
-
-
-def _seed(seed: Any) -> int:
-    if not isinstance(seed, int | np.integer) or isinstance(seed, bool):
-        raise InputError(f"seed must be a whole number, got {seed!r}")
-    return check_seed(int(seed))
-
-
-def checked_actions(action: Any, shape: tuple[int, ...]) -> Any:
-    """The actions as float32, environments first.
-
-    Raises:
-        InputError: another shape, not floating point, or not finite (which environment is named).
-    """
-    lib = jnp if isinstance(action, jax.Array) else np  # stays on its device
-    action = lib.asarray(action)
-    if not jnp.issubdtype(action.dtype, jnp.floating):
-        raise InputError(f"actions must be floating point numbers, got {action.dtype}")
-    if action.shape != shape:
-        raise InputError(f"actions must have shape {shape}, got {action.shape}")
-    action = lib.asarray(action, np.float32)
-    if not lib.isfinite(action).all():
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(np.asarray(action)))[0])
-        raise InputError(
-            f"the action of environment {index[0]} holds {action[index]} (unit {index[1]}):"
-            " actions must be finite; nothing was stepped"
-        )
-    return action

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from salpchain.interop.batch import task_of
+from salpchain.interop.checks import limit_of, task_of
 from salpchain.interop.extras import need
 
 for package in ("torch", "vmas", "tensordict", "torchrl", "benchmarl"):
@@ -12,7 +12,7 @@ for package in ("torch", "vmas", "tensordict", "torchrl", "benchmarl"):
 from benchmarl.environments.vmas.common import VmasClass
 from torchrl.envs import EnvBase
 
-from salpchain.interop.vmas import limit_of, make_torchrl_env
+from salpchain.interop.vmas import make_torchrl_env
 
 
 class SCLDTask(VmasClass):

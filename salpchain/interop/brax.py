@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from salpchain.domain.config import step_limit
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
-from salpchain.interop.batch import task_of
+from salpchain.interop.checks import task_of
 from salpchain.interop.extras import need
 
 need("brax", "brax")
@@ -102,6 +102,11 @@ def _in_brax(state: State) -> base.State:
 class Renewing(base.Wrapper):
     """A batch in which a finished episode is followed by a new one with a start of its own."""
 
+    def reset(self, rng: Array) -> base.State:
+        """New episodes, from random keys of either kind (Brax's wrappers know the old one)."""
+        typed = jnp.issubdtype(rng.dtype, jax.dtypes.prng_key)
+        return self.env.reset(jax.random.key_data(rng) if typed else rng)
+
     def step(self, state: base.State, action: Float[Array, "env act"]) -> base.State:
         """One control step of every chain; `done` tells whose episode ended in it."""
         steps = jnp.where(state.done, 0, state.info["steps"])
@@ -118,9 +123,15 @@ class Renewing(base.Wrapper):
 
 
 def wrap(
-    env: base.Env, episode_length: int, action_repeat: int = 1, randomization_fn: None = None
+    env: base.Env, episode_length: int, action_repeat: int = 1, randomization_fn: Any = None
 ) -> base.Wrapper:
-    """The batch that Brax's trainers step: episodes with a time limit, renewed as ours are."""
+    """The batch that Brax's trainers step: episodes with a time limit, renewed as ours are.
+
+    Raises:
+        InputError: a randomisation, which Brax applies to its own systems only.
+    """
+    if randomization_fn is not None:
+        raise InputError("randomization_fn changes a Brax system, and this environment has none")
     return Renewing(
         training.EpisodeWrapper(training.VmapWrapper(env), episode_length, action_repeat)
     )

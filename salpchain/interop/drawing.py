@@ -1,5 +1,6 @@
 """Pictures of a chain and its target as it swims, for tools that show an environment."""
 
+import time
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from salpchain.domain.scld import State
+from salpchain.interop.layout import CONTROL_STEP
 from salpchain.report.picture import FAINT, INK, PLACES, WATER
 from salpchain.report.shapes import unit_outlines
 
@@ -26,6 +28,7 @@ class Screen:
         """A screen on which nothing was drawn."""
         self._low = self._high = np.zeros(2)
         self._window: Any = None
+        self._shown = 0.0  # when, s
 
     def frame(self, state: State) -> Frame:
         """A square picture (SIDE x SIDE pixels, red, green, blue) of one unbatched state."""
@@ -58,7 +61,10 @@ class Screen:
         self._high = high if fresh else np.maximum(high, self._high)
 
     def show(self, state: State) -> None:
-        """Shows the frame in a window of Matplotlib (none where there is no display)."""
+        """Shows the frame in a window of Matplotlib (none where there is no display).
+
+        Frames come no faster than the chain swims: one in 0.1 s.
+        """
         from matplotlib import pyplot
 
         frame = self.frame(state)
@@ -69,7 +75,12 @@ class Screen:
         figure, image = self._window
         image.set_data(frame)
         figure.canvas.draw_idle()
-        figure.canvas.flush_events()
+        if figure.canvas.required_interactive_framework is None:  # nobody watches
+            figure.canvas.flush_events()
+        else:
+            due = self._shown + CONTROL_STEP - time.monotonic()
+            figure.canvas.start_event_loop(max(due, 1e-3))
+            self._shown = time.monotonic()
 
     def close(self) -> None:
         """Closes the window, if there is one."""

@@ -19,9 +19,8 @@ def need(module: str, extra: str) -> ModuleType:
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        package = module.split(".")[0]
-        if (error.name or "").split(".")[0] != package:  # installed, and broken in itself
+        package, missing = module.split(".")[0], (error.name or "").split(".")[0]
+        if error.name != missing:  # a part of something installed: broken in itself
             raise
-        raise InputError(
-            f"{package} is not installed: run pip install 'salpchain[{extra}]'"
-        ) from None
+        what = f"{missing} is" if missing == package else f"{package} needs {missing}, which is"
+        raise InputError(f"{what} not installed: run pip install 'salpchain[{extra}]'") from None

@@ -10,8 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
+from salpchain.domain.config import one_of
 from salpchain.errors import InputError
-from salpchain.interop.batch import Batch, Outcome, task_of
+from salpchain.interop.batch import Batch, Outcome, Seeds
+from salpchain.interop.checks import task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 
@@ -54,7 +56,12 @@ class SalpEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """First observation of a new episode; it follows from the seed."""
+        """First observation of a new episode; it follows from the seed.
+
+        Raises:
+            InputError: a seed that cannot be, or an option: there are none.
+        """
+        _check_options(options, ())
         super().reset(seed=seed)
         obs = np.array(self._batch.reset(seed))[0]
         self._show()
@@ -66,7 +73,7 @@ class SalpEnv(gymnasium.Env):
         Raises:
             InputError: before reset; an action of a wrong shape or type, or not finite.
         """
-        outcome = self._batch.step(np.asarray(action)[None])
+        outcome = self._batch.step_one(action)
         info = {name: np.asarray(getattr(outcome, name))[0].item() for name in MEASURES}
         self._show()
         ends = bool(outcome.terminated[0]), bool(outcome.truncated[0])
@@ -88,25 +95,36 @@ class SalpEnv(gymnasium.Env):
 
 
 class SalpVectorEnv(VectorEnv):
-    """`num_envs` chains stepped by one compiled program; finished episodes begin anew at once.
+    """`num_envs` chains stepped by one compiled program.
 
-    Chain i of seed s plays what `SalpEnv` plays with seed s + i. Where an episode ended,
-    `info["final_obs"]` and `info["final_info"]` hold its last, as Gymnasium has it.
+    What follows a finished episode is Gymnasium's autoreset mode: a new one in the same step (the
+    last observation and info of the old one are then in `info["final_obs"]` and
+    `info["final_info"]`), a new one in the next step, or nothing until
+    `reset(options={"reset_mask": ...})`. Chain i of seed s starts as
+    `SalpEnv` does with seed s + i.
 
     Raises:
-        InputError: a setting of the task, a number of chains or a render mode that cannot be.
+        InputError: a setting of the task, a number of chains, a time limit, a mode of autoreset or
+            of rendering that cannot be.
     """
 
-    metadata = {  # noqa: RUF012
-        "autoreset_mode": AutoresetMode.SAME_STEP,
-        "render_modes": ["rgb_array"],
-        "render_fps": FRAMES,
-    }
+    metadata = {"render_modes": ["rgb_array"], "render_fps": FRAMES}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, render_mode: str | None = None, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`."""
+    def __init__(
+        self,
+        num_envs: int = 1,
+        render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        max_episode_steps: int | None = None,
+        **task: Any,
+    ) -> None:
+        """The task by the fields of `TaskConfig`; truncated at its time limit, or earlier."""
         self.render_mode = _checked(render_mode, self.metadata["render_modes"])
-        self._batch = Batch(task_of(task), num_envs)
+        self._mode = _mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        same_step = self._mode is AutoresetMode.SAME_STEP
+        self._batch = Batch(task_of(task), num_envs, renew=same_step, max_steps=max_episode_steps)
+        self._over = np.zeros(num_envs, bool)  # whose episode ended and was not begun anew
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(self._batch)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -114,15 +132,24 @@ class SalpVectorEnv(VectorEnv):
         self._screens = [Screen() for _ in range(num_envs)] if render_mode else []
 
     def reset(  # type: ignore[override]
-        self, *, seed: int | list[int] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seeds = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """First observations (env, unit, feature) of new episodes.
 
+        With `options={"reset_mask": mask}`, (env,) booleans, of the chains of the mask alone; the
+        others go on.
+
         Raises:
-            InputError: seeds that cannot be, or not one for each chain.
+            InputError: seeds that cannot be, or not one for each chain; a mask that is not one
+                boolean for each; another option.
         """
-        super().reset(seed=seed[0] if isinstance(seed, list) else seed)
-        return np.array(self._batch.reset(seed)), {}
+        mask = _check_options(options, ("reset_mask",)).get("reset_mask")
+        if mask is None:
+            obs, self._over = self._batch.reset(seed), np.zeros(self.num_envs, bool)
+        else:
+            obs = self._batch.reset_some(mask, seed)
+            self._over = self._over & ~mask
+        return np.array(obs), {}
 
     def step(
         self, actions: Any
@@ -130,13 +157,28 @@ class SalpVectorEnv(VectorEnv):
         """Observations, rewards, terminated, truncated, info after one control step (0.1 s).
 
         Raises:
-            InputError: before reset; actions of a wrong shape or type, or not finite.
+            InputError: before reset, or after an episode's end where autoreset is disabled;
+                actions of a wrong shape or type, or not finite.
         """
+        begun = self._begun_anew()
         outcome = self._batch.step(actions)
-        rewards = np.array(outcome.reward, np.float64)
-        terminated, truncated = np.array(outcome.terminated), np.array(outcome.truncated)
-        infos = _infos(outcome, terminated | truncated)
-        return np.array(outcome.obs), rewards, terminated, truncated, infos
+        rewards = np.where(begun, 0.0, np.array(outcome.reward, np.float64))
+        ends = np.array(outcome.terminated) & ~begun, np.array(outcome.truncated) & ~begun
+        done = ends[0] | ends[1]
+        if self._mode is AutoresetMode.SAME_STEP:
+            return np.array(outcome.obs), rewards, *ends, _infos(outcome, done)
+        self._over = done
+        obs = self._batch.reset_some(begun) if begun.any() else outcome.obs
+        return np.array(obs), rewards, *ends, _masked(_measures(outcome), ~begun)
+
+    def _begun_anew(self) -> np.ndarray:
+        """Which chains get a new episode in the next step, instead of a step."""
+        if self._mode is AutoresetMode.DISABLED and self._over.any():
+            raise InputError(
+                f"the episode of environment {np.argmax(self._over)} is over: reset it with"
+                ' options={"reset_mask": ...}'
+            )
+        return self._over
 
     def render(self) -> tuple[Frame, ...] | None:
         """The picture of every chain in mode `rgb_array`; else nothing."""
@@ -151,13 +193,27 @@ def _checked(mode: str | None, modes: list[str]) -> str | None:
     return mode
 
 
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    known = {name: each for each in AutoresetMode for name in (each.name, each.value)}
+    one_of("autoreset mode", getattr(mode, "name", mode), known)
+    return known[getattr(mode, "name", mode)]
+
+
+def _check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
+    for name in options or {}:
+        if name not in known:
+            there = ", ".join(known) or "there are none here"
+            raise InputError(f"unknown option {name!r} of reset: {there}")
+    return options or {}
+
+
 def _one(states: Any, index: int) -> Any:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
 def _infos(outcome: Outcome, done: np.ndarray) -> dict[str, Any]:
     """`info` in Gymnasium's layout: each value with a mask `_name` of the chains that have it."""
-    measures = {name: np.array(getattr(outcome, name)) for name in MEASURES}
+    measures = _measures(outcome)
     infos = _masked(measures, ~done)
     if done.any():
         final_obs, last = np.full(len(done), None, object), np.array(outcome.final_obs)
@@ -166,6 +222,10 @@ def _infos(outcome: Outcome, done: np.ndarray) -> dict[str, Any]:
         infos |= {"final_obs": final_obs, "_final_obs": done.copy()}
         infos |= {"final_info": _masked(measures, done), "_final_info": done.copy()}
     return infos
+
+
+def _measures(outcome: Outcome) -> dict[str, np.ndarray]:
+    return {name: np.array(getattr(outcome, name)) for name in MEASURES}
 
 
 def _masked(measures: dict[str, np.ndarray], there: np.ndarray) -> dict[str, Any]:

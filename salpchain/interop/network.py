@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import read_arrays, write_arrays
 from salpchain.interop.extras import need
@@ -22,6 +23,7 @@ from torch.nn import functional
 KIND, VERSION = "torch policy", 1
 HEADS = {"gatv2": (2, 1), "gt": (2, 2)}  # of the two layers
 MASKED = -torch.inf
+NEEDED = {"model", "graph", "action", "observation", "serves_units"}  # of `about`
 
 Weights = dict[str, Tensor]
 
@@ -40,7 +42,12 @@ class TorchPolicy(nn.Module):
             self.register_parameter(name.replace(".", "_"), nn.Parameter(value))
 
     def forward(self, obs: Tensor) -> Tensor:
-        """The mean actions, clipped."""
+        """The mean actions, clipped.
+
+        Raises:
+            InputError: observations of another shape.
+        """
+        self._check_shape(obs)
         model, layers = self.about["model"], ("trunk_first", "trunk_second")
         if model == "mlp":
             row = self._head(obs.flatten(-2))
@@ -57,6 +64,15 @@ class TorchPolicy(nn.Module):
             x = functional.gelu(conv(layers[0], x, sees))
             x = functional.gelu(conv(layers[1], functional.layer_norm(x, x.shape[-1:]), sees))
         return self._head(x).clamp(-1, 1)
+
+    def _check_shape(self, obs: Tensor) -> None:
+        units = self.about["serves_units"]
+        features = OBSERVATION_SIZES[self.about["observation"]]
+        fits = obs.ndim >= 2 and obs.shape[-1] == features
+        if not fits or units not in ("any", str(obs.shape[-2])):
+            raise InputError(
+                f"observations must have shape (..., {units}, {features}), got {tuple(obs.shape)}"
+            )
 
     def thrust(self, obs: Tensor) -> Tensor:
         """Thrusts (..., unit) in newton along each unit's heading."""
@@ -139,7 +155,7 @@ def load_torch(path: str | Path) -> TorchPolicy:
         InputError: no such file; damaged, altered or from a newer version.
     """
     about, arrays = read_arrays(Path(path), KIND, VERSION)
-    if not {"model", "graph", "action"} <= about.keys():
+    if not about.keys() >= NEEDED:
         raise InputError(f"{path} does not say which network it holds: {json.dumps(about)[:60]}")
     weights = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
     return TorchPolicy(weights, about).eval().requires_grad_(False)

@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from salpchain.errors import InputError
-from salpchain.interop.batch import Batch, Outcome, task_of
+from salpchain.interop.batch import Batch, Outcome
+from salpchain.interop.checks import task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 
@@ -77,7 +78,7 @@ class SalpParallelEnv(ParallelEnv):
         if not self.agents:
             raise InputError("no unit is alive: call reset() before step()")
         self._batch.started()
-        outcome = self._batch.step(self._stacked(actions)[None])
+        outcome = self._batch.step_one(self._stacked(actions))
         self._show()
         given = self._given(outcome)
         if outcome.terminated[0] or outcome.truncated[0]:
@@ -88,6 +89,9 @@ class SalpParallelEnv(ParallelEnv):
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise InputError(f"actions must name every unit, {missing[0]} is missing")
+        for agent in actions:
+            if agent not in self.agents:
+                raise InputError(f"unknown unit {agent!r}: there are {', '.join(self.agents)}")
         shape = self._batch.action_shape[1:]
         for agent in self.agents:
             if np.shape(actions[agent]) != shape:
@@ -100,7 +104,11 @@ class SalpParallelEnv(ParallelEnv):
         obs = dict(zip(self.agents, np.array(outcome.obs)[0], strict=True))
         reward, goal = float(outcome.reward[0]), bool(outcome.goal[0])
         terminated, truncated = bool(outcome.terminated[0]), bool(outcome.truncated[0])
-        info = {"distance": float(outcome.distance[0]), "goal": goal}
+        info = {
+            "distance": float(outcome.distance[0]),
+            "closed_fraction": float(outcome.closed_fraction[0]),
+            "goal": goal,
+        }
         alike = (lambda: reward), (lambda: terminated), (lambda: truncated), info.copy
         return obs, *(self._each(make) for make in alike)  # type: ignore[return-value]
 

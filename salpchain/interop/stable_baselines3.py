@@ -3,9 +3,13 @@
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
-from salpchain.interop.batch import Batch, task_of
+from salpchain.domain.config import one_of
+from salpchain.interop.batch import Batch
+from salpchain.interop.checks import task_of
+from salpchain.interop.drawing import Screen
 from salpchain.interop.extras import need
 
 need("stable_baselines3", "stable-baselines3")
@@ -21,13 +25,15 @@ class SalpVecEnv(VecEnv):
     """`num_envs` chains that Stable-Baselines3 trains on; wrap it in `VecMonitor` for statistics.
 
     Raises:
-        InputError: a setting of the task, or a number of chains, that cannot be.
+        InputError: a setting of the task, a number of chains or a render mode that cannot be.
     """
 
-    def __init__(self, num_envs: int = 64, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`."""
-        self.render_mode = None
+    def __init__(self, num_envs: int = 64, render_mode: str | None = None, **task: Any) -> None:
+        """The task by the fields of `TaskConfig`; pictures in the render mode `rgb_array`."""
+        one_of("render mode", render_mode or "rgb_array", ("rgb_array",))
+        self.render_mode = render_mode
         self._batch = Batch(task_of(task), num_envs)
+        self._screens = [Screen() for _ in range(num_envs)] if render_mode else []
         self._actions: Any = None
         super().__init__(num_envs, *spaces(self._batch))
 
@@ -55,6 +61,14 @@ class SalpVecEnv(VecEnv):
                 "is_success": bool(goal[index]),
             }
         return np.array(outcome.obs), np.array(outcome.reward), done, infos
+
+    def get_images(self) -> list[np.ndarray | None]:
+        """The picture of every chain in mode `rgb_array`; else none."""
+        if not self._screens:
+            return [None] * self.num_envs
+        states = self._batch.started()
+        pick = lambda index: jax.tree.map(lambda leaf: leaf[index], states)  # noqa: E731
+        return [screen.frame(pick(index)) for index, screen in enumerate(self._screens)]
 
     def close(self) -> None:
         """Nothing to close."""

@@ -10,7 +10,7 @@ import numpy as np
 from salpchain.control.policy import Controller, Policy, PolicyCard
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.errors import InputError
-from salpchain.interop.batch import task_of
+from salpchain.interop.checks import task_of
 
 Steer = Callable[[np.ndarray], np.ndarray]
 

@@ -18,7 +18,14 @@ from torch import Tensor
 
 
 def to_torch(array: jax.Array) -> Tensor:
-    """The array as a tensor on the same device, without a copy."""
+    """The array as a tensor on the same device, without a copy.
+
+    Raises:
+        TypeError: random keys, or no JAX array.
+    """
+    if not isinstance(array, jax.Array) or jnp.issubdtype(array.dtype, jax.dtypes.prng_key):
+        kind = getattr(array, "dtype", type(array).__name__)
+        raise TypeError(f"only arrays of numbers become tensors, got {kind}")
     return torch.from_dlpack(array)
 
 
@@ -33,11 +40,11 @@ def to_jax(tensor: Tensor) -> jax.Array:
 def as_tensors(tree: Any) -> dict[str, Tensor]:
     """The arrays of any record, such as a `State`, by their dotted names, as tensors.
 
-    Random keys are left out: torch has no such type.
+    Random keys are left out, for torch has no such type, and so is what is no JAX array.
     """
     leaves, _ = jax.tree_util.tree_flatten_with_path(tree)
     return {
         jax.tree_util.keystr(path).lstrip("."): to_torch(leaf)
         for path, leaf in leaves
-        if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+        if isinstance(leaf, jax.Array) and not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
     }

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from salpchain.interop.batch import Batch, task_of
+from salpchain.interop.batch import Batch
+from salpchain.interop.checks import task_of
 from salpchain.interop.extras import need
 
 need("torch", "torchrl")
@@ -31,9 +32,9 @@ class SalpTorchEnv(EnvBase):
         Raises:
             InputError: an unknown setting, or one that cannot be.
         """
+        batch = Batch(task_of(settings), num_envs, renew=False)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
-        self.config = task_of(settings)
-        self._batch = Batch(self.config, num_envs, renew=False)
+        self.config, self._batch = batch.config, batch
         self._seed: int | None = None
         chains, one = torch.Size([num_envs]), torch.Size([num_envs, 1])
         seen = torch.Size([num_envs, *self._batch.observation_shape])

@@ -8,10 +8,10 @@ names the environment whose action is NaN.
 from typing import Any
 
 from salpchain.domain.config import TaskConfig, step_limit
-from salpchain.domain.pose import LINK
+from salpchain.domain.pose import LINK, SPAWN
 from salpchain.domain.scld import FENCE_PER_UNIT
 from salpchain.errors import InputError
-from salpchain.interop.batch import task_of
+from salpchain.interop.checks import checked_envs, limit_of, task_of
 from salpchain.interop.extras import need
 from salpchain.interop.torch_task import (
     Chains,
@@ -37,6 +37,7 @@ from vmas.simulator.scenario import BaseScenario
 from vmas.simulator.utils import Color
 
 TARGET_COLOUR = (0.2, 0.5, 0.8)
+VIEW = 3 * LINK  # m for each unit: no target lies farther out
 
 
 class Thruster(Dynamics):
@@ -71,7 +72,7 @@ class Scenario(BaseScenario):
             InputError: an unknown setting, or one that cannot be.
         """
         self.config = task_of(kwargs)
-        self.viewer_zoom = max(1.0, self.config.length / 8)
+        self.viewer_zoom = VIEW * self.config.length + SPAWN
         self._fence = FENCE_PER_UNIT * self.config.length if self.config.fence else None
         world = _world(batch_dim, device, self._fence)
         for index in range(self.config.length):
@@ -117,10 +118,11 @@ class Scenario(BaseScenario):
         self._seen = None
 
     def observation(self, agent: Agent) -> Tensor:
-        """What a unit sees (env, feature)."""
-        if self._seen is None:
+        """What a unit sees (env, feature): worked out for all when the first is asked for."""
+        index = self.world.agents.index(agent)
+        if self._seen is None or index == 0:
             self._seen = observe(self.config.observation, self.chains())
-        return self._seen[:, self.world.agents.index(agent)]
+        return self._seen[:, index]
 
     def reward(self, agent: Agent) -> Tensor:
         """The chain's reward (env,), the same for every unit."""
@@ -219,24 +221,44 @@ def _joint(one: Agent, other: Agent) -> Joint:
 
 
 class ChainEnvironment(Environment):
-    """VMAS's environment, which names the environment whose action is NaN."""
+    """VMAS's environment, which names what is wrong with an action."""
 
     def step(self, actions: Any) -> Any:
-        """VMAS's step.
+        """VMAS's step; actions (env, act) of each unit, as a list or by its name.
 
         Raises:
-            InputError: an action is NaN; nothing was moved.
+            InputError: an action is missing, of a wrong shape or type, or not finite; nothing was
+                moved.
         """
-        given = actions.values() if isinstance(actions, dict) else actions
-        for unit, action in enumerate(given):
-            given_nan = torch.as_tensor(action).isnan()
-            wrong = given_nan.reshape(len(given_nan), -1).any(dim=1).nonzero()
-            if len(wrong):
-                raise InputError(
-                    f"the action of environment {int(wrong[0])} is NaN (unit {unit}):"
-                    " give numbers in [-1, 1]; no chain was moved"
-                )
-        return super().step(actions)
+        names = [agent.name for agent in self.agents]
+        by_name = actions if isinstance(actions, dict) else dict(enumerate(actions))
+        wanted = names if isinstance(actions, dict) else list(range(len(names)))
+        if by_name.keys() != set(wanted):
+            raise InputError(f"give an action for each of {len(names)} units, got {len(by_name)}")
+        pairs = zip(names, (by_name[each] for each in wanted), strict=True)
+        return super().step([self._checked(name, action) for name, action in pairs])
+
+    def _checked(self, name: str, action: Any) -> Tensor:
+        try:
+            action = torch.as_tensor(action, device=self.device)
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"the action of {name} must be numbers, got {action!r:.60}") from None
+        size = 1 if not self.continuous_actions else self.get_agent_action_size(self.agents[0])
+        if action.ndim == 1:
+            action = action[:, None]
+        if action.shape != (self.num_envs, size):
+            expected, got = (self.num_envs, size), tuple(action.shape)
+            raise InputError(f"the action of {name} must have shape {expected}, got {got}")
+        if self.continuous_actions and not action.is_floating_point():
+            raise InputError(f"the action of {name} must be floating point, got {action.dtype}")
+        wrong = (~action.isfinite()).any(dim=1).nonzero()
+        if len(wrong):
+            where = int(wrong[0])
+            raise InputError(
+                f"the action of environment {where}, {name}, holds {action[where].tolist()}:"
+                " actions must be finite; no chain was moved"
+            )
+        return action
 
 
 def make_env(
@@ -253,7 +275,7 @@ def make_env(
     config = task_of(settings)
     return ChainEnvironment(
         Scenario(),
-        num_envs=num_envs,
+        num_envs=checked_envs(num_envs),
         device=device,
         seed=seed,
         max_steps=step_limit(config.time_limit, config.length),
@@ -271,9 +293,9 @@ def make_torchrl_env(
     continuous_actions: bool = True,
     **settings: Any,
 ) -> Any:
-    """The scenario as TorchRL's `VmasEnv`, where the time limit truncates.
+    """The scenario in TorchRL's `VmasWrapper`, where the time limit truncates.
 
-    VMAS's own count (`max_steps` of `VmasEnv`) would reach TorchRL as `terminated`, and so teach
+    VMAS's own count (`max_steps`) would reach TorchRL as `terminated`, and so teach
     that the future is worth nothing at the time limit. So TorchRL counts (`StepCounter`). The limit
     is that of the task's settings, or `max_steps`.
 
@@ -284,29 +306,15 @@ def make_torchrl_env(
     need("tensordict", "torchrl")
     need("torchrl", "torchrl")
     from torchrl.envs import StepCounter, TransformedEnv
-    from torchrl.envs.libs.vmas import VmasEnv
+    from torchrl.envs.libs.vmas import VmasWrapper
 
-    env: Any = VmasEnv(
-        scenario=Scenario(),
-        num_envs=num_envs,
-        continuous_actions=continuous_actions,
-        seed=seed,
+    env = ChainEnvironment(
+        Scenario(),
+        num_envs=checked_envs(num_envs),
         device=device,
-        categorical_actions=True,
+        seed=seed,
+        continuous_actions=continuous_actions,
         clamp_actions=True,
         **settings,
     )
-    return TransformedEnv(env, StepCounter(limit))
-
-
-def limit_of(config: TaskConfig, max_steps: int | None) -> int:
-    """Control steps until an episode is truncated: `max_steps`, or else those of the task.
-
-    Raises:
-        InputError: not a whole number of steps, at least 1.
-    """
-    if max_steps is None:
-        return step_limit(config.time_limit, config.length)
-    if not isinstance(max_steps, int) or isinstance(max_steps, bool) or max_steps < 1:
-        raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
-    return max_steps
+    return TransformedEnv(VmasWrapper(env, categorical_actions=True), StepCounter(limit))

@@ -1,3 +1,7 @@
+import pickle
+import subprocess
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -6,7 +10,8 @@ import pytest
 
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
-from salpchain.interop.batch import Batch, task_of
+from salpchain.interop.batch import Batch
+from salpchain.interop.checks import task_of
 
 CONFIG = TaskConfig(length=2, contact=False)
 ENVS = 4
@@ -72,7 +77,12 @@ def test_the_same_seed_gives_the_same_episodes_and_none_goes_on_from_the_last(ba
     [
         (np.zeros((ENVS, 3, 1)), r"shape \(4, 2, 1\), got \(4, 3, 1\)"),
         (np.zeros((ENVS, 2, 1), int), "int64"),
-        (np.where(np.arange(ENVS)[:, None, None] == 3, np.nan, zeros()), "environment 3 holds nan"),
+        ([[[0.0], [0.0]], [[0.0]]] * 2, "rows of unlike lengths"),
+        (None, "floating point numbers, got object"),
+        (
+            np.where(np.arange(ENVS)[:, None, None] == 3, np.nan, zeros()),
+            "environment 3, unit 0, holds nan",
+        ),
         (jnp.where(jnp.arange(ENVS)[:, None, None] == 2, jnp.inf, 0) + zeros(), "environment 2"),
     ],
 )
@@ -93,8 +103,67 @@ def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
     with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
         task_of({"lenght": 8})
     batch = Batch(CONFIG, ENVS)
+    for seeds, word in (([0, 1], "must be 4, got 2"), ([], "must be 4, got 0")):
+        with pytest.raises(InputError, match=word):
+            batch.reset(seeds)
+    with pytest.raises(InputError, match="max_steps must be a whole number"):
+        Batch(CONFIG, ENVS, max_steps=0)
     with pytest.raises(InputError, match="seeds must be 4, got 2"):
         batch.reset([0, 1])
     batch.reset(0)
     with pytest.raises(InputError, match="4 booleans"):
         batch.reset_some(np.ones(3, bool))
+
+
+def test_numbers_of_numpy_are_settings_too():
+    assert task_of({"length": np.int64(8), "fence": np.bool_(True)}) == TaskConfig(8, fence=True)
+
+
+def test_seeds_may_be_any_sequence_and_none_is_chance(batch):
+    first = np.asarray(batch.reset((5, 6, 7, 8)))
+    np.testing.assert_array_equal(batch.reset(np.array([5, 6, 7, 8])), first)
+    some = np.asarray(batch.reset([5, None, 7, None]))
+    same = (some == first).all(axis=(1, 2))
+    np.testing.assert_array_equal(same, [True, False, True, False])
+
+
+def test_some_chains_can_be_reset_to_seeds_of_their_own(batch):
+    before = np.asarray(batch.states.obs)
+    obs = np.asarray(batch.reset_some(np.array([True, False, False, True]), [7, 7, 7, 8]))
+    np.testing.assert_array_equal(obs[1:3], before[1:3])
+    assert not np.array_equal(obs[0], before[0])
+    again = batch.reset_some(np.array([True, False, False, True]), [7, 7, 7, 8])
+    np.testing.assert_array_equal(again, obs)
+
+
+def test_a_time_limit_of_ones_own_truncates_earlier_and_never_later():
+    batch = Batch(CONFIG, ENVS, max_steps=2)
+    batch.reset(0)
+    ends = [batch.step(zeros()).truncated.tolist() for _ in range(4)]
+    assert ends == [[False] * 4, [True] * 4] * 2
+    assert Batch(CONFIG, ENVS, max_steps=10_000).limit == 512
+
+
+def test_a_batch_can_be_pickled_in_the_middle_of_its_episodes(batch):
+    batch.step(zeros() + 0.5)
+    other = pickle.loads(pickle.dumps(batch))
+    for _ in range(3):
+        for one, same in zip(
+            *map(jax.tree.leaves, (batch.step(zeros()), other.step(zeros()))), strict=True
+        ):
+            np.testing.assert_array_equal(one, same)
+    np.testing.assert_array_equal(batch.reset(), other.reset())
+
+
+def test_it_steps_in_double_precision_too():
+    """In a process of its own: the precision belongs to all of JAX."""
+    code = (
+        "import jax, numpy as np; jax.config.update('jax_enable_x64', True)\n"
+        "from salpchain.domain.config import TaskConfig\n"
+        "from salpchain.interop.batch import Batch\n"
+        "batch = Batch(TaskConfig(length=2, contact=False), 2); batch.reset(0)\n"
+        "outcome = batch.step(np.ones((2, 2, 1), np.float32))\n"
+        "print(outcome.obs.dtype, batch.states.chain.units.position.dtype)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["float32", "float64"]

@@ -48,6 +48,16 @@ def test_a_wrapped_batch_truncates_at_the_time_limit_and_begins_elsewhere():
     assert not np.array_equal(first, second) and not np.array_equal(second, third)
 
 
+def test_random_keys_of_either_kind_start_a_wrapped_batch():
+    env = wrap(SalpBraxEnv(**TASK), episode_length=3)
+    old = env.reset(jax.random.split(jax.random.PRNGKey(0), 2))
+    new = env.reset(jax.random.split(jax.random.key(0), 2))
+    np.testing.assert_array_equal(old.obs, new.obs)
+    assert new.info["steps"].shape == (2,)
+    with pytest.raises(InputError, match="randomization_fn"):
+        wrap(SalpBraxEnv(**TASK), episode_length=3, randomization_fn=lambda system: system)
+
+
 def test_an_action_of_another_size_is_refused_and_not_broadcast():
     env = SalpBraxEnv(**TASK)
     with pytest.raises(InputError, match=r"action must have shape \(2,\), got \(1,\)"):

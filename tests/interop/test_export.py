@@ -1,5 +1,7 @@
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jax
@@ -10,7 +12,7 @@ import onnxruntime
 import pytest
 import torch
 
-from examples.robot import body_observation, thrusts
+from examples.robot import body_observation, opened, swim, thrusts
 from salpchain.cli.main import run
 from salpchain.control.greedy import Greedy
 from salpchain.control.storage import save_policy
@@ -119,8 +121,49 @@ def test_the_robots_program_runs_without_jax(folder):
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['robot', {str(out)!r}]\n"
         "from examples import robot; robot.main(); assert 'jax' not in sys.modules"
     )
+    start = time.monotonic()
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and done.stdout.startswith("["), done.stderr
+    assert done.returncode == 0 and done.stdout.count("[") == 10, done.stderr
+    assert time.monotonic() - start > 1  # ten control steps of 0.1 s
+
+
+def test_the_robots_loop_sends_no_thrust_without_a_pose_and_goes_on(swum, folder, capsys):
+    out = folder / "loop.onnx"
+    assert run(["export", str(folder), "--out", str(out)]) == 0
+    lost = poses(swum, 0)
+    lost[0] = lost[0] * np.nan
+    given, sent = iter([poses(swum, 0), lost, poses(swum, 1)]), []
+    swim(opened(str(out), 6), lambda: next(given), sent.append, 3)
+    assert sent[0].any() and not sent[1].any() and sent[2].any()
+    assert "no thrust: position must be (6, 2) finite" in capsys.readouterr().err
+
+
+def test_a_robot_refuses_a_policy_that_is_not_for_it(tmp_path):
+    for policy, word in (
+        (fresh(observation="table1"), "must be of a policy that sees body"),
+        (fresh("mlp", length=5), "steers 5 units, the robot has 8"),
+    ):
+        export(policy, tmp_path / "policy.onnx", "onnx")
+        with pytest.raises(ValueError, match=word):
+            opened(str(tmp_path / "policy.onnx"), 8)
+
+
+@pytest.mark.parametrize(
+    ("given", "word"), [([], "usage: python"), (["none.onnx"], "robot: .*none.onnx")]
+)
+def test_the_robots_program_says_what_it_needs(given, word):
+    command = [sys.executable, str(ROOT / "examples" / "robot.py"), *given]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1 and re.match(word, done.stderr) and done.stderr.count("\n") == 1
+
+
+def test_a_torch_module_refuses_observations_of_another_shape_and_what_is_no_file(tmp_path):
+    export(fresh("mlp", length=5), tmp_path / "policy", "torch")
+    module = load_torch(tmp_path / "policy")
+    with pytest.raises(InputError, match=r"must have shape \(\.\.\., 5, 22\), got \(4, 22\)"):
+        module(torch.zeros(4, 22))
+    with pytest.raises(InputError, match="is a folder"):
+        load_torch(tmp_path)
 
 
 def test_the_layouts_name_the_numbers_in_their_order(swum):

@@ -50,8 +50,12 @@ def test_every_bridge_names_the_command_for_what_is_missing():
 
 def test_a_package_that_is_broken_in_itself_is_not_called_missing(tmp_path, monkeypatch):
     (tmp_path / "salpfish.py").write_text("import salpwater\n")
+    (tmp_path / "salpbroken").mkdir()
+    (tmp_path / "salpbroken" / "__init__.py").write_text("import salpbroken.part\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(ModuleNotFoundError, match="salpwater"):
+    with pytest.raises(InputError, match="salpfish needs salpwater, which is not installed"):
         need("salpfish", "fish")
+    with pytest.raises(ModuleNotFoundError, match=r"salpbroken\.part"):
+        need("salpbroken", "broken")
     with pytest.raises(InputError, match="salpfowl is not installed"):
         need("salpfowl.envs", "fowl")

@@ -69,6 +69,40 @@ def test_infos_have_the_layout_of_gymnasium():
     same(one, other)
 
 
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_the_other_modes_of_autoreset_are_those_of_gymnasium(mode):
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, autoreset_mode=mode, **TASK)
+    singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
+    theirs = SyncVectorEnv(singles, autoreset_mode=mode)
+    assert ours.metadata["autoreset_mode"] is mode
+    for env in (ours, theirs):
+        env.reset(seed=3)
+    last_step(ours, 1)
+    last_step(theirs.envs[1], 0)
+    actions = np.full((ENVS, 2, 1), 0.5, np.float32)
+    for turn in range(3):
+        pair = ours.step(actions), theirs.step(actions)
+        for one, other in zip(*(given[:4] for given in pair), strict=True):
+            np.testing.assert_allclose(one, other, atol=ROUNDED)
+        for name in bridge.MEASURES:
+            np.testing.assert_array_equal(*(given[4]["_" + name] for given in pair))
+        assert pair[0][3][1] == (turn == 0)
+        if mode is AutoresetMode.DISABLED and turn == 0:
+            with pytest.raises(InputError, match="episode of environment 1 is over"):
+                ours.step(actions)
+            mask = np.arange(ENVS) == 1
+            pair = [env.reset(options={"reset_mask": mask})[0] for env in (ours, theirs)]
+            np.testing.assert_allclose(*pair, atol=ROUNDED)
+
+
+def test_a_time_limit_and_seeds_are_given_as_gymnasium_has_them():
+    env = gymnasium.make_vec(bridge.ID, num_envs=ENVS, max_episode_steps=2, **TASK)
+    first, _ = env.reset(seed=(3, 4, 5, 6))
+    np.testing.assert_array_equal(env.reset(seed=[3, 4, None, 6])[0][[0, 1, 3]], first[[0, 1, 3]])
+    actions = np.zeros((ENVS, 2, 1), np.float32)
+    assert [env.step(actions)[3].all() for _ in range(4)] == [False, True] * 2
+
+
 def same(one, other):
     assert one.keys() == other.keys()
     for name, value in one.items():
@@ -109,9 +143,23 @@ def test_bad_input_is_named():
     with pytest.raises(InputError, match="never reset"):
         env.step(np.zeros((ENVS, 2, 1), np.float32))
     env.reset(seed=0)
-    with pytest.raises(InputError, match="environment 1 holds nan"):
+    with pytest.raises(InputError, match="environment 1, unit 0, holds nan"):
         env.step(np.where(np.arange(ENVS)[:, None, None] == 1, np.nan, np.zeros((ENVS, 2, 1))))
     with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
         gymnasium.make(bridge.ID, lenght=8)
+    with pytest.raises(InputError, match="unknown option 'mask' of reset: reset_mask"):
+        env.reset(options={"mask": np.ones(ENVS, bool)})
+    with pytest.raises(InputError, match="4 booleans"):
+        env.reset(options={"reset_mask": [True] * 3})
+    with pytest.raises(InputError, match="unknown autoreset mode 'never'"):
+        gymnasium.make_vec(bridge.ID, num_envs=ENVS, autoreset_mode="never", **TASK)
+    single = bridge.SalpEnv(render_mode="rgb_array", **TASK)
+    with pytest.raises(InputError, match=r"call reset\(\) first"):
+        single.render()
+    single.reset()
+    with pytest.raises(InputError, match=r"shape \(2, 1\), got \(1, 2, 1\)"):
+        single.step(np.zeros((1, 2, 1)))
+    with pytest.raises(InputError, match="the action of unit 1 holds inf"):
+        single.step([[0.0], [np.inf]])
     with pytest.raises(InputError, match="unknown render mode"):
         gymnasium.make_vec(bridge.ID, num_envs=ENVS, render_mode="human", **TASK)

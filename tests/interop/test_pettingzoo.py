@@ -45,8 +45,9 @@ def test_bad_input_is_named_with_the_unit():
     good = np.zeros(1, np.float32)
     for bad, word in (
         ({"unit_0": good}, "unit_1 is missing"),
+        ({"unit_0": good, "unit_1": good, "unit_9": good}, "unknown unit 'unit_9'"),
         ({"unit_0": good, "unit_1": np.zeros(2)}, r"unit_1 must have shape \(1,\), got \(2,\)"),
-        ({"unit_0": good, "unit_1": good * np.nan}, r"nan \(unit 1\)"),
+        ({"unit_0": good, "unit_1": good * np.nan}, r"unit 1 holds nan"),
     ):
         with pytest.raises(InputError, match=word):
             env.step(bad)

@@ -2,7 +2,9 @@
 
 import equinox as eqx
 import numpy as np
+import pytest
 
+from salpchain.errors import InputError
 from salpchain.interop.batch import Batch
 from salpchain.interop.stable_baselines3 import SalpVecEnv
 
@@ -36,3 +38,13 @@ def test_attributes_and_methods_are_there_once_for_each_chain():
     env.set_attr("note", "hello")
     assert env.env_method("get_attr", "note", indices=0) == [["hello"] * ENVS]
     assert env.env_is_wrapped(object) == [False] * ENVS
+
+
+def test_pictures_are_given_in_their_mode_alone():
+    env = SalpVecEnv(ENVS, render_mode="rgb_array", **TASK)
+    env.reset()
+    pictures = env.get_images()
+    assert len(pictures) == ENVS and pictures[0].shape == (480, 480, 3)
+    assert SalpVecEnv(ENVS, **TASK).get_images() == [None] * ENVS
+    with pytest.raises(InputError, match="unknown render mode 'human'"):
+        SalpVecEnv(ENVS, render_mode="human", **TASK)

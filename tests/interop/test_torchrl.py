@@ -83,6 +83,6 @@ def test_a_nan_is_named_with_its_environment_and_moves_nothing():
     before = np.array(env._batch.states.chain.units.position)
     action = torch.zeros(ENVS, LENGTH, 2)
     action[3, 0, 1] = torch.nan
-    with pytest.raises(InputError, match=r"environment 3 holds nan \(unit 0\)"):
+    with pytest.raises(InputError, match=r"environment 3, unit 0, holds nan"):
         env.step(record.set("action", action))
     np.testing.assert_array_equal(env._batch.states.chain.units.position, before)

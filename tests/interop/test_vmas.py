@@ -170,10 +170,55 @@ def test_a_nan_is_named_with_its_environment_and_moves_nothing():
     before = env.scenario.chains().position.clone()
     action = [torch.zeros(4, 2) for _ in range(3)]
     action[1][2, 0] = torch.nan
-    with pytest.raises(InputError, match=r"environment 2 is NaN \(unit 1\)"):
+    with pytest.raises(InputError, match=r"environment 2, unit_1, holds \[nan, 0.0\]"):
         env.step(action)
     np.testing.assert_array_equal(env.scenario.chains().position, before)
     assert (env.steps == 0).all()
+    through_torchrl = make_torchrl_env(num_envs=2, length=2)
+    start = through_torchrl.reset()
+    start["unit", "action"] = torch.full((2, 2, 1), torch.nan)
+    with pytest.raises(InputError, match="environment 0, unit_0, holds"):
+        through_torchrl.step(start)
+
+
+@pytest.mark.parametrize(
+    ("actions", "word"),
+    [
+        ([torch.zeros(2, 1)], "each of 2 units, got 1"),
+        ({"unit_0": torch.zeros(2, 1), "unit_7": torch.zeros(2, 1)}, "each of 2 units"),
+        ([torch.zeros(3, 1)] * 2, r"unit_0 must have shape \(2, 1\), got \(3, 1\)"),
+        ([torch.zeros(2, 1), torch.zeros(2, 2)], r"unit_1 must have shape \(2, 1\), got \(2, 2\)"),
+        ([torch.zeros(2, 1, dtype=torch.int64)] * 2, "unit_0 must be floating point"),
+        ([torch.full((2, 1), torch.inf)] * 2, r"environment 0, unit_0, holds \[inf\]"),
+        (["go", "stop"], "unit_0 must be numbers, got 'go'"),
+    ],
+)
+def test_a_bad_action_is_named_and_moves_nothing(actions, word):
+    env = make_env(2, length=2)
+    before = env.scenario.chains().position.clone()
+    with pytest.raises(InputError, match=word):
+        env.step(actions)
+    np.testing.assert_array_equal(env.scenario.chains().position, before)
+
+
+def test_a_number_of_environments_that_cannot_be_is_refused():
+    for make in (make_env, make_torchrl_env):
+        with pytest.raises(InputError, match="num_envs must be 1 to"):
+            make(num_envs=0, length=2)
+
+
+def test_a_unit_that_was_put_elsewhere_is_seen_there():
+    env = make_env(1, length=2)
+    before = env.reset()
+    env.agents[1].set_pos(torch.tensor([[5.0, 5.0]]), batch_index=None)
+    after = env.get_from_scenario(True, False, False, False)[0]
+    assert not torch.equal(after[1], before[1])
+
+
+@pytest.mark.parametrize("length", [2, 8, 64])
+def test_the_picture_holds_every_target(length):
+    env = make_env(200, length=length, seed=0)
+    assert env.scenario._target.abs().max() < env.scenario.viewer_zoom
 
 
 @pytest.mark.parametrize("steps", [0, -1])

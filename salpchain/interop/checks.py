@@ -1,0 +1,91 @@
+"""What users of the bridges give, checked: settings, sizes, seeds, actions."""
+
+import secrets
+from dataclasses import fields
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from salpchain.domain.config import TaskConfig, check_seed, one_of, step_limit
+from salpchain.errors import InputError
+
+MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
+
+
+def task_of(settings: dict[str, Any]) -> TaskConfig:
+    """The task with these settings, by the names of `TaskConfig`.
+
+    Raises:
+        InputError: an unknown setting, or one that cannot be.
+    """
+    for name in settings:
+        one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
+    return TaskConfig(**plain)
+
+
+def checked_envs(num_envs: Any) -> int:
+    """The number of chains.
+
+    Raises:
+        InputError: not a whole number, or out of range.
+    """
+    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
+    if not whole or not 1 <= num_envs <= MOST_ENVS:
+        raise InputError(f"num_envs must be 1 to {MOST_ENVS:,}, got {num_envs!r}")
+    return int(num_envs)
+
+
+def limit_of(config: TaskConfig, max_steps: int | None) -> int:
+    """Control steps until an episode is truncated: `max_steps`, or else those of the task.
+
+    Raises:
+        InputError: not a whole number of steps, at least 1.
+    """
+    if max_steps is None:
+        return step_limit(config.time_limit, config.length)
+    if not isinstance(max_steps, int) or isinstance(max_steps, bool) or max_steps < 1:
+        raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
+    return max_steps
+
+
+def checked_seed(seed: Any) -> int:
+    """The seed; one by chance for none.
+
+    Raises:
+        InputError: not a whole number, or out of range.
+    """
+    if seed is None:
+        return secrets.randbits(32)
+    if not isinstance(seed, int | np.integer) or isinstance(seed, bool):
+        raise InputError(f"seed must be a whole number, got {seed!r}")
+    return check_seed(int(seed))
+
+
+def checked_actions(action: Any, shape: tuple[int, ...]) -> Any:
+    """The actions in JAX's precision, (env, unit, act) or of one chain (unit, act).
+
+    Raises:
+        InputError: another shape, not floating point, or not finite (which environment and unit is
+            named).
+    """
+    lib = jnp if isinstance(action, jax.Array) else np  # stays on its device
+    try:
+        action = lib.asarray(action)
+    except ValueError:
+        raise InputError(f"actions must have shape {shape}, got rows of unlike lengths") from None
+    if not jnp.issubdtype(action.dtype, jnp.floating):
+        raise InputError(f"actions must be floating point numbers, got {action.dtype}")
+    if action.shape != shape:
+        raise InputError(f"actions must have shape {shape}, got {action.shape}")
+    action = lib.asarray(action, jax.dtypes.canonicalize_dtype(float))
+    if not lib.isfinite(action).all():
+        *envs, unit, act = (int(i) for i in np.argwhere(~np.isfinite(np.asarray(action)))[0])
+        whose = f"environment {envs[0]}, unit {unit}," if envs else f"unit {unit}"
+        raise InputError(
+            f"the action of {whose} holds {action[(*envs, unit, act)]}:"
+            " actions must be finite; nothing was stepped"
+        )
+    return action
