@@ -52,7 +52,7 @@ def run(options: Evaluate) -> None:
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
-    from salpchain.evaluation.evaluate import evaluate, table
+    from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
     from salpchain.training.devices import use_devices
 
     use_devices()
@@ -60,7 +60,7 @@ def run(options: Evaluate) -> None:
         summary = evaluate(tested, lengths, trials, options.time_limit, seed, out, progress=watch)
     from rich.console import Console
 
-    Console().print(table(summary))
+    Console().print(table(summary), difficulty_table(summary))
     print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
 
 

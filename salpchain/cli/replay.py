@@ -18,6 +18,7 @@ class Replay:
     side by side.
 
     Example: salpchain replay runs/eight --length 24 --out swim.html
+
     Example: salpchain replay runs/eight greedy --length 16 --out both.html
     """
 

@@ -21,6 +21,7 @@ class Train:
     bit for bit as if it had never stopped.
 
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
+
     Example: salpchain train --length 4..16 --curriculum 0.9 --out runs/many
     """
 

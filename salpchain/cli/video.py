@@ -21,7 +21,9 @@ class Video:
     the extra `video`: pip install 'salpchain[video]'.
 
     Example: salpchain video runs/eight --length 24 --out swim.mp4
+
     Example: salpchain video --compare runs/eight greedy --length 16 --out both.gif
+
     Example: salpchain video runs/eight --grid --time-limit scaled --out lengths.mp4
     """
 

@@ -1,5 +1,6 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -103,6 +104,39 @@ def table(summary: Summary) -> Table:
     made.add_column("limit", justify="right")
     for own, other in zip(summary["lengths"], others, strict=True):
         made.add_row(*_cells(own, other))
+    return made
+
+
+ASKED = {
+    "far": "distance (chain lengths)",
+    "turn": "turn of the target (degrees)",
+    "bend": "bend of the target (degrees)",
+}
+
+
+def difficulty_table(summary: Summary) -> Table:
+    """The trials of all lengths in thirds of each length's, by what makes them hard."""
+    made = Table(
+        title="by difficulty, in thirds of each length's trials",
+        caption="means; success with its 95 % interval; time: median steps to the goal over the"
+        " fewest that physics allows",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    made.add_column("by")
+    for name in ("mean", "success", "closed", "time"):
+        made.add_column(name, justify="right", no_wrap=True)
+    for name, thirds in summary["by_difficulty"].items():
+        for place, third in enumerate(thirds):
+            scale, unit = (1, ".1f") if name == "far" else (180 / math.pi, ".0f")
+            made.add_row(
+                ASKED[name] if place == 0 else "",
+                f"{scale * third['mean']:{unit}}",
+                _percent(third["success"], 0),
+                f"{100 * third['closed_fraction']:.1f}",
+                "-" if third["time_ratio"] is None else f"{third['time_ratio']:.2f}",
+            )
     return made
 
 

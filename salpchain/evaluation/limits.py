@@ -5,8 +5,9 @@ units and links. Drag multiplies its velocity by 1 - drag once at the start of a
 thrusts, at most one newton each, then add to it in every substep, before the position moves.
 """
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from salpchain.physics.chain import Chain, Physics, Scalar
 
@@ -83,6 +84,20 @@ def reachable(
     each = jnp.linalg.norm(target - chain.units.position, axis=-1)
     distance = jnp.where(chain.present, each, 0.0).sum() / chain.present.sum()
     return 1.0 - least_distance(physics, chain, target, steps) / distance
+
+
+def fewest_steps(
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float, most: int
+) -> Int[Array, ""]:
+    """Control steps before which the chain, at rest, cannot take the target point for point.
+
+    Each unit must come within the tolerance (m) of its own target point. Turning and bending, which
+    take time too, are not counted: a folded chain turns as fast as it likes. At most `most`.
+    """
+    gap = least_distance(physics, chain, target, 0) - tolerance
+    length = chain.present.sum()
+    covered = jax.vmap(lambda steps: distance_covered(physics, length, steps))
+    return 1 + (covered(jnp.arange(1, most + 1)) < gap).sum(dtype=jnp.int32)
 
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:

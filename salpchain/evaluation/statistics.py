@@ -1,6 +1,7 @@
 """What trials say about a controller: averages for each length, with intervals."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,11 @@ MEASURES = (
     "path_efficiency",
     "contact_time",
     "reachable",
+    "regret",
+    "time_ratio",
 )
+HARDNESS = ("far", "turn", "bend")  # what makes a start hard
+THIRDS = ("low", "middle", "high")
 INTERVALS = {
     "level": LEVEL,
     "success": "Wilson interval of the share of trials that reached the goal",
@@ -37,7 +42,8 @@ def summarise(frame: pd.DataFrame) -> Summary:
     For each length `trials`, `success` (mean, low, high) and for each of `MEASURES` mean, median,
     iqm, low and high; low and high bound the 95 % interval that `intervals` names. Measures that
     a trial lacks, like steps to a goal never reached, are left out of their averages.
-    `paper_normalised` has one value for each entry of `lengths`.
+    `paper_normalised` has one value for each entry of `lengths`. `by_difficulty` has for each of
+    `HARDNESS` the easy, middle and hard third of every length's trials, all lengths together.
 
     Raises:
         ValueError: no trials, or trials of several policies, seeds or time limits.
@@ -50,6 +56,26 @@ def summarise(frame: pd.DataFrame) -> Summary:
         "intervals": INTERVALS,
         "lengths": [_summarise_length(*x) for x in zip(lengths, groups, strict=True)],
         "paper_normalised": [_number(x) for x in paper_normalised(distances)],
+        "by_difficulty": {name: _thirds(groups, name) for name in HARDNESS},
+    }
+
+
+def _thirds(groups: Sequence[pd.DataFrame], name: str) -> list[Summary]:
+    """The trials of all lengths by the third of their own length's trials that they belong to."""
+    places = [np.argsort(np.argsort(rows[name].to_numpy(), kind="stable")) for rows in groups]
+    third = np.concatenate([3 * place // len(place) for place in places])
+    frame = pd.concat(groups)
+    return [_of_third(THIRDS[k], frame[third == k], name) for k in range(3) if (third == k).any()]
+
+
+def _of_third(third: str, rows: pd.DataFrame, name: str) -> Summary:
+    return {
+        "third": third,
+        "trials": len(rows),
+        "mean": _number(rows[name].mean()),
+        "success": share(int(np.count_nonzero(rows["success"])), len(rows)),
+        "closed_fraction": _number(rows["closed_fraction"].mean()),
+        "time_ratio": _number(rows["time_ratio"].median()),
     }
 
 

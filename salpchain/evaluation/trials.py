@@ -19,9 +19,8 @@ from salpchain.control.policy import Controller, Planner, act, begin
 from salpchain.domain.config import LONGEST, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
-from salpchain.evaluation.limits import reachable
+from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
-from salpchain.physics.chain import Chain
 from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
@@ -37,8 +36,7 @@ class Trial(eqx.Module):
     """One episode, with the sums that its measures need; in a batch, axes (trial, controller)."""
 
     state: State
-    origin: Float[Array, "2"]  # m, centroid of the units at the start
-    reachable: Float[Array, ""]  # closed fraction that no controller can exceed
+    start: Start
     effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
     path: Float[Array, ""]  # m, way of the centroid
     contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
@@ -59,8 +57,10 @@ def run_trials(
     the same observation and action. Columns: policy, length, trial, seed, time_limit, success,
     closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without success),
     steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never moved),
-    contact_time (s, of the control steps in which some two units pushed each other) and reachable
-    (the physical limit of closed_fraction).
+    contact_time (s, of the control steps in which some two units pushed each other), reachable and
+    fewest_steps (the physical limits of closed_fraction and of steps to the goal), regret (what is
+    missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest possible)
+    and how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad).
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
@@ -155,8 +155,7 @@ def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
     zero = jnp.zeros(())
     return Trial(
         state=state,
-        origin=_centroid(state.chain),
-        reachable=reachable(env.physics, state.chain, state.target, env.step_limit(length)),
+        start=start_of(env, state),
         effort=zero,
         path=zero,
         contact_steps=jnp.int32(0),
@@ -246,40 +245,39 @@ def _own(states: State, controller: int, axis: int = 0) -> State:
 
 def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
     """The trial after its step to this state."""
-    moved = _centroid(state.chain) - _centroid(trial.state.chain)
+    moved = centroid(state.chain) - centroid(trial.state.chain)
     dt = env.physics.control_step
     return Trial(
         state=state,
-        origin=trial.origin,
-        reachable=trial.reachable,
+        start=trial.start,
         effort=trial.effort + jnp.abs(state.thrust).sum() / state.length * dt,
         path=trial.path + jnp.linalg.norm(moved),
         contact_steps=trial.contact_steps + state.chain.touching,
     )
 
 
-def _centroid(chain: Chain) -> Float[Array, "2"]:
-    present = chain.present[:, None]
-    return jnp.where(present, chain.units.position, 0.0).sum(axis=0) / present.sum()
-
-
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
     """The measures of finished trials by name, each (trial, controller)."""
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
-    centroid = jax.vmap(jax.vmap(_centroid))(state.chain)
-    straight = np.linalg.norm(np.asarray(centroid - trials.origin, np.float64), axis=-1)
+    moved = jax.vmap(jax.vmap(centroid))(state.chain) - trials.start.origin
+    straight = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
     path = np.asarray(trials.path, np.float64)
     final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
+    names = ("reachable", "fewest_steps", "far", "turn", "bend")
+    given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
+    steps_to_goal = np.where(success, time, np.nan)
     return {
         "success": success,
         "closed_fraction": 1 - final / start,
         "final_distance": final,
         "start_distance": start,
-        "steps_to_goal": np.where(success, time, np.nan),
+        "steps_to_goal": steps_to_goal,
         "steps": time,
         "thrust_effort": np.asarray(trials.effort, np.float64),
         "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
         "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
-        "reachable": np.asarray(trials.reachable, np.float64),
+        **given,
+        "regret": np.where(success, 0.0, given["reachable"] - (1 - final / start)),
+        "time_ratio": steps_to_goal / given["fewest_steps"],
     }

@@ -9,8 +9,8 @@ from rich.console import Console
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import PolicyCard
 from salpchain.evaluation import evaluate as module
-from salpchain.evaluation.evaluate import evaluate, table
-from salpchain.evaluation.statistics import MEASURES, summarise
+from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
+from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
 from tests.evaluation.controllers import Constant
 
 LENGTHS, TRIALS = [4, 8], 5
@@ -27,7 +27,8 @@ def trials_by_formula(controllers, length, trials, time_limit, seed, progress):
 def frame_by_formula(name, length, trials, time_limit, seed):
     start = np.arange(1, trials + 1) * length * seed
     about = {"policy": name, "length": length, "trial": np.arange(trials), "seed": seed}
-    measures = dict.fromkeys(MEASURES, len(name) / 100) | {"start_distance": start}
+    names = (*MEASURES, *HARDNESS)
+    measures = dict.fromkeys(names, len(name) / 100) | {"start_distance": start}
     return pd.DataFrame({**about, "time_limit": time_limit, "success": start % 8 == 0, **measures})
 
 
@@ -78,6 +79,14 @@ def test_the_table_shows_both_with_intervals(evaluation):
     assert max(map(len, text.splitlines())) <= 80
     console.print(table({**evaluation[0], "baseline": None}))
     assert "greedy" not in console.export_text()
+
+
+def test_a_second_table_shows_what_makes_trials_hard(evaluation):
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(difficulty_table(evaluation[0]))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    assert all(word in text for word in ("distance", "turn of the target", "bend", "[", "time"))
 
 
 def test_a_single_trial_has_an_interval_of_success_alone(evaluation):

@@ -10,6 +10,7 @@ from salpchain.evaluation.limits import (
     centroid_slack,
     cruising_speed,
     distance_covered,
+    fewest_steps,
     least_distance,
     reachable,
     top_speed,
@@ -106,6 +107,16 @@ def shift(chain):
     """Distance of the units' centroid from the centre of mass of units and links."""
     centroid = np.asarray(chain.units.position).mean(0)
     return float(np.linalg.norm(centroid - np.asarray(centre_of_mass(PHYSICS, chain))))
+
+
+@pytest.mark.parametrize("away", [0.0, 0.04, 0.3, 2.0])
+def test_the_fewest_steps_are_the_first_after_which_the_goal_is_within_reach(away):
+    chain = straight(8)
+    target = chain.units.position + jnp.array([0.0, away])
+    fewest = int(fewest_steps(PHYSICS, chain, target, 0.05, 1000))
+    left = [float(least_distance(PHYSICS, chain, target, k)) for k in range(1, fewest + 1)]
+    assert left[-1] <= 0.05 + 1e-5
+    assert all(distance > 0.05 - 1e-5 for distance in left[:-1])
 
 
 def test_a_target_within_reach_can_be_closed_in_full_and_a_far_one_by_speed_times_time():

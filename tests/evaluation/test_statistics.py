@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from salpchain.evaluation.statistics import (
+    HARDNESS,
     MEASURES,
     describe,
     interquartile_mean,
@@ -21,7 +22,7 @@ def frame(lengths=(4, 8), trials=10, policy="swimmer", seed=0):
         {
             **{"policy": policy, "length": n, "trial": i, "seed": 3, "time_limit": "fixed"},
             "success": bool(rng.random() < 0.5),
-            **dict(zip(MEASURES, rng.random(len(MEASURES)), strict=True)),
+            **{name: rng.random() for name in (*MEASURES, *HARDNESS)},
         }
         for n in lengths
         for i in range(trials)
@@ -117,3 +118,19 @@ def test_the_normalised_curve_of_a_summary_follows_its_lengths():
     rows["final_distance"] = rows["length"] / 10.0
     assert summarise(rows)["paper_normalised"] == pytest.approx([1.0, 0.5, 0.0])
     assert summarise(rows[rows.length == 4])["paper_normalised"] == [None]
+
+
+def test_trials_are_shared_out_by_the_third_of_their_own_length():
+    rows = frame(lengths=(4, 8), trials=9)
+    rows["far"] = np.where(rows.length == 4, 0.0, 100.0) + rows.trial % 9
+    rows["success"] = rows.trial >= 6
+    thirds = summarise(rows)["by_difficulty"]["far"]
+    assert [third["third"] for third in thirds] == ["low", "middle", "high"]
+    assert [third["trials"] for third in thirds] == [6, 6, 6]
+    assert [third["success"]["mean"] for third in thirds] == [0, 0, 1]
+    assert [third["mean"] for third in thirds] == pytest.approx([51, 54, 57])
+
+
+def test_two_trials_make_no_third_of_their_own():
+    thirds = summarise(frame(trials=2))["by_difficulty"]["turn"]
+    assert sum(third["trials"] for third in thirds) == 4

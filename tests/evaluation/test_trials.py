@@ -45,10 +45,19 @@ def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
     assert set(greedy.columns) >= {
         *("policy", "length", "trial", "seed", "success", "closed_fraction", "final_distance"),
         *("start_distance", "steps_to_goal", "steps", "thrust_effort", "path_efficiency"),
-        *("contact_time", "reachable"),
+        *(
+            "contact_time",
+            "reachable",
+            "fewest_steps",
+            "regret",
+            "time_ratio",
+            "far",
+            "turn",
+            "bend",
+        ),
     }
     assert greedy.success.dtype == bool
-    assert greedy.isna().sum().drop("steps_to_goal").sum() == 0
+    assert greedy.isna().sum().drop(["steps_to_goal", "time_ratio"]).sum() == 0
 
 
 def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle):
@@ -165,6 +174,15 @@ def test_no_swim_beats_the_physical_limit(steps):
 def test_no_trial_beats_the_physical_limit(greedy):
     assert (greedy.closed_fraction <= greedy.reachable).all()
     assert greedy.reachable.between(0, 1).all()
+
+
+def test_no_success_is_faster_than_physics_allows(greedy):
+    reached = greedy[greedy.success]
+    assert (reached.time_ratio >= 1).all() and (reached.regret == 0).all()
+    np.testing.assert_allclose(reached.time_ratio, reached.steps_to_goal / reached.fewest_steps)
+    missed = greedy[~greedy.success]
+    np.testing.assert_allclose(missed.regret, missed.reachable - missed.closed_fraction)
+    assert (missed.regret > 0).all() and missed.time_ratio.isna().all()
 
 
 def test_many_trials_are_played_in_blocks_with_the_same_results(monkeypatch, greedy):

@@ -7,7 +7,7 @@ import pytest
 from matplotlib import rcParams
 
 from salpchain.errors import InputError
-from salpchain.evaluation.statistics import MEASURES, summarise
+from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
 from salpchain.report.figures import learning_curves, over_seeds, zero_shot
 
 
@@ -40,7 +40,7 @@ def make_evaluation(path, policy="swimmer", time_limit="fixed", lengths=(4, 8, 1
         about = {"policy": policy, "seed": 0, "time_limit": time_limit}
         rows = [
             {**about, "length": n, "trial": i, "success": rng.random() < 0.5}
-            | dict(zip(MEASURES, rng.random(len(MEASURES)), strict=True))
+            | {name: rng.random() for name in (*MEASURES, *HARDNESS)}
             for n in lengths
             for i in range(trials)
         ]

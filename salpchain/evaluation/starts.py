@@ -1,0 +1,61 @@
+"""How hard an episode is, told from its start: what physics allows, and what the task asks."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from salpchain.domain.config import LONGEST, STEPS_PER_UNIT
+from salpchain.domain.pose import LINK
+from salpchain.domain.scld import SCLD, State
+from salpchain.evaluation.limits import fewest_steps, reachable
+from salpchain.physics.chain import Chain, wrap
+
+MOST_STEPS = STEPS_PER_UNIT * LONGEST  # control steps, of the longest chain's scaled limit
+
+
+class Start(eqx.Module):
+    """What is known of a trial before its first step."""
+
+    origin: Float[Array, "2"]  # m, centroid of the units
+    reachable: Float[Array, ""]  # closed fraction that no controller can exceed
+    fewest_steps: Int[Array, ""]  # control steps before which no controller can be at the goal
+    far: Float[Array, ""]  # mean distance to the target points, in lengths of the chain
+    turn: Float[Array, ""]  # rad, 0 to pi, from the chain's direction to the target's
+    bend: Float[Array, ""]  # rad, sum of all turns along the target
+
+
+def start_of(env: SCLD, state: State) -> Start:
+    """Of an episode that has just begun."""
+    chain, target, length = state.chain, state.target, state.length
+    limit = env.step_limit(length)
+    turn, bend = _turn_and_bend(chain, target)
+    return Start(
+        origin=centroid(chain),
+        reachable=reachable(env.physics, chain, target, limit),
+        fewest_steps=fewest_steps(env.physics, chain, target, env.config.tolerance, MOST_STEPS),
+        far=state.start_distance / (length * LINK),
+        turn=turn,
+        bend=bend,
+    )
+
+
+def centroid(chain: Chain) -> Float[Array, "2"]:
+    """Of the present units (m)."""
+    present = chain.present[:, None]
+    return jnp.where(present, chain.units.position, 0.0).sum(axis=0) / present.sum()
+
+
+def _turn_and_bend(
+    chain: Chain, target: Float[Array, "unit 2"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    joined = chain.joined[:, None]
+    chords = jnp.where(joined, target[1:] - target[:-1], 0.0)
+    along = jnp.where(joined, chain.units.position[1:] - chain.units.position[:-1], 0.0)
+    apart = wrap(_direction(chords.sum(axis=0)) - _direction(along.sum(axis=0)))
+    turns = wrap(_direction(chords[1:]) - _direction(chords[:-1]))
+    both = chain.joined[1:] & chain.joined[:-1]
+    return jnp.abs(apart), jnp.where(both, jnp.abs(turns), 0.0).sum()
+
+
+def _direction(vector: Float[Array, "*rows 2"]) -> Float[Array, "*rows"]:
+    return jnp.arctan2(vector[..., 1], vector[..., 0])
