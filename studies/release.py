@@ -26,7 +26,7 @@ SEED = 2000  # of the starts that judge (chosen)
 
 def any_length() -> TrainConfig:
     """`gcn` on `mixed`, trained on 2 to 16 units: `salpchain train --length 2..16`, but longer."""
-    return presets.choose("quick", mix=Mix(tuple(range(2, 17))), steps=24_000_000)
+    return presets.choose("quick", mix=Mix(tuple(range(2, 17))), steps=12_000_000)
 
 
 RECIPES = {

@@ -21,6 +21,7 @@ from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
+from salpchain.physics.chain import Physics
 from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
@@ -49,18 +50,20 @@ def run_trials(
     time_limit: str,
     seed: int,
     progress: Progress | None = None,
+    physics: Physics | None = None,
 ) -> list[pd.DataFrame]:
     """For each controller, a row of measures for each of its trials at this length.
 
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
     own number only. All controllers swim side by side, in one compiled program, and must speak
-    the same observation and action. Columns: policy, length, trial, seed, time_limit, success,
-    closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without success),
-    steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never moved),
-    contact_time (s, of the control steps in which some two units pushed each other), reachable and
-    fewest_steps (the physical limits of closed_fraction and of steps to the goal), regret (what is
-    missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest possible)
-    and how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad).
+    the same observation and action. The physics are the paper's, unless others are given. Columns:
+    policy, length, trial, seed, time_limit, success, closed_fraction, final_distance (m),
+    start_distance (m), steps_to_goal (NaN without success), steps, thrust_effort (N s per unit),
+    path_efficiency (NaN for a chain that never moved), contact_time (s, of the control steps in
+    which some two units pushed each other), reachable and fewest_steps (the physical limits of
+    closed_fraction and of steps to the goal), regret (what is missing to reachable; 0 for a
+    success), time_ratio (steps to the goal over the fewest possible) and how hard the start is: far
+    (mean distance in lengths of the chain), turn and bend (rad).
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
@@ -69,7 +72,7 @@ def run_trials(
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
-    env = domain_for(controllers, length, time_limit)
+    env = domain_for(controllers, length, time_limit, physics)
     limit = step_limit(time_limit, length)
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
@@ -89,7 +92,9 @@ def _frame(policy: str, about: dict[str, Any], values: dict[str, Any]) -> pd.Dat
     return pd.DataFrame({"policy": policy, **about, **values})
 
 
-def domain_for(controllers: Sequence[Controller], length: int, time_limit: str) -> SCLD:
+def domain_for(
+    controllers: Sequence[Controller], length: int, time_limit: str, physics: Physics | None = None
+) -> SCLD:
     """The domain with as many slots as the length needs, few different numbers in all.
 
     Raises:
@@ -107,7 +112,7 @@ def domain_for(controllers: Sequence[Controller], length: int, time_limit: str) 
         isinstance(controller, Planner) for controller in controllers
     ):  # a planner pays for each slot many times over
         slots = length
-    return SCLD(TaskConfig(slots, *spoken.pop(), time_limit))
+    return SCLD(TaskConfig(slots, *spoken.pop(), time_limit), physics or Physics())
 
 
 def _share_evenly(trials: int) -> int:

@@ -30,14 +30,13 @@ class PPOConfig:
     gamma: float = 0.99
     lam: float = 0.95
     entropy: float = 0.0
-    least_std: float = 0.0  # of an action, which explores no less; 0: no bound
     value_weight: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("envs", "rollout", "minibatch", "epochs", "learning_rate", "max_grad_norm"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("gamma", "lam", "clip", "final_rate", "least_std"):
+        for name in ("gamma", "lam", "clip", "final_rate"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         one_of("ratio", self.ratio, RATIOS)

@@ -85,23 +85,12 @@ def improve(
         gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen), AXIS)
         norm = optax.tree.norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
-        policy = _exploring(optax.apply_updates(policy, updates), config.least_std)
+        policy = optax.apply_updates(policy, updates)
         return (policy, optimiser_state), eqx.tree_at(lambda x: x.grad_norm, losses, norm)
 
     start = (policy, optimiser_state)
     (policy, optimiser_state), losses = jax.lax.scan(epoch, start, jr.split(key, config.epochs))
     return policy, optimiser_state, jax.tree.map(jnp.mean, losses)
-
-
-def _exploring(policy: ActorCritic, least_std: float) -> ActorCritic:
-    """The policy with no smaller standard deviation of an action than this.
-
-    In a long run it would fall until nothing new is tried and gradients grow without bound.
-    """
-    if least_std == 0:
-        return policy
-    wide = jnp.maximum(policy.log_std, jnp.log(least_std))
-    return eqx.tree_at(lambda policy: policy.log_std, policy, wide)
 
 
 def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:
