@@ -5,7 +5,9 @@ training and no choice has seen, and writes the policy and its model card to sal
 """
 
 import dataclasses
+import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ from salpchain.control.released import FOLDER
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate
-from salpchain.files import write_json
+from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.trainer import resume, train
@@ -29,14 +31,22 @@ def any_length() -> TrainConfig:
     return presets.choose("quick", mix=Mix(tuple(range(2, 17))), steps=12_000_000)
 
 
+def paper(model: str, length: int) -> Callable[[], TrainConfig]:
+    """The paper's controller for one training length, trained with `quick`."""
+    return lambda: presets.choose("quick", model=model, length=length)
+
+
 RECIPES = {
     "any-length": (any_length, "one controller for every length, trained on 2 to 16 units"),
-    "paper-gcn-8": (lambda: presets.choose("quick", length=8), "gcn on mixed, trained on 8 units"),
+    **{
+        f"paper-{model}-{length}": (paper(model, length), f"{model} on mixed, {length} units alone")
+        for model, length in (("gcn", 8), ("gcn", 16), ("gt", 8), ("gt", 16))
+    },
 }
 
 
 def release(name: str, runs: Path) -> None:
-    """Trains, tests and writes one policy."""
+    """Trains, tests and writes one policy; what is tested is the file that is released."""
     make, about = RECIPES[name]
     run = runs / name
     if not (run / run_folder.SUMMARY_FILE).exists():
@@ -46,14 +56,25 @@ def release(name: str, runs: Path) -> None:
             train(make(), run)
     trained = load(run)
     policy = Policy(trained.network, dataclasses.replace(trained.card, name=name))
-    summary = evaluate(policy, LENGTHS, TRIALS, "scaled", SEED, run / "evaluation", baseline=False)
-    save_policy(policy, FOLDER / f"{name}.safetensors")
-    write_json(FOLDER / f"{name}.json", _card(name, about, summary))
+    file = run / f"{name}.safetensors"
+    save_policy(policy, file, half=True)
+    summary = evaluate(
+        load(file), LENGTHS, TRIALS, "scaled", SEED, run / "evaluation", baseline=False
+    )
+    shutil.copy(file, FOLDER / file.name)
+    trained_for = read_json(run / run_folder.SUMMARY_FILE)
+    write_json(FOLDER / f"{name}.json", _card(policy, about, trained_for, summary))
 
 
-def _card(name: str, about: str, summary: dict[str, Any]) -> dict[str, Any]:
+def _card(
+    policy: Policy, about: str, trained_for: dict[str, Any], summary: dict[str, Any]
+) -> dict[str, Any]:
+    name = policy.card.name
     return {
         "about": about,
+        "training_lengths": policy.card.lengths,
+        "steps": trained_for["steps"],
+        "minutes": round(trained_for["seconds"] / 60, 1),
         "command": f"python -m studies.release {name}",
         "limits": "simulated only; straight starts at rest and targets of the SCLD;"
         " no sensor noise, no delay, no current",
@@ -64,6 +85,7 @@ def _card(name: str, about: str, summary: dict[str, Any]) -> dict[str, Any]:
                 "length": row["length"],
                 "success": row["success"]["mean"],
                 "closed_fraction": row["closed_fraction"]["mean"],
+                "steps_to_goal": row["steps_to_goal"]["median"],
             }
             for row in summary["lengths"]
         ],

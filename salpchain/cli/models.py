@@ -61,10 +61,13 @@ def _card(name: str) -> str:
         raise InputError(f"no released policy {name!r}: {advice}")
     card = model_card(name)
     lines = [f"{name}: {card['about']}", f"made by: {card['command']}"]
+    lengths = ", ".join(map(str, card["training_lengths"]))
+    lines.append(f"trained on: {lengths} units, {card['steps']:,} steps, {card['minutes']} minutes")
     lines += [f"limits: {card['limits']}", f"licence: {card['licence']}"]
     lines.append(f"measured: {card['trials']} episodes of each length, scaled time limit")
-    lines.append(f"{'units':>7} {'success %':>10} {'closed %':>9}")
+    lines.append(f"{'units':>7} {'success %':>10} {'closed %':>9} {'steps to goal':>14}")
     for row in card["measured"]:
         success, closed = 100 * row["success"], 100 * row["closed_fraction"]
-        lines.append(f"{row['length']:>7} {success:>10.1f} {closed:>9.1f}")
+        steps = "-" if row["steps_to_goal"] is None else f"{row['steps_to_goal']:.0f}"
+        lines.append(f"{row['length']:>7} {success:>10.1f} {closed:>9.1f} {steps:>14}")
     return "\n".join(lines)

@@ -17,7 +17,8 @@ def released() -> dict[str, Path]:
 def model_card(name: str) -> dict[str, Any]:
     """What is told of a released policy: how it was trained, and what was measured with it.
 
-    `about`, `command` (that made it), `licence`, `limits`, and `measured`: for each length the
-    success and closed fraction (shares) over `trials` episodes.
+    `about`, `command` (that made it), `training_lengths`, `steps` and `minutes` of training,
+    `licence`, `limits`, and `measured`: for each length the success and closed fraction (shares)
+    and the median of the steps to the goal over `trials` episodes.
     """
     return read_json(FOLDER / f"{name}.json")

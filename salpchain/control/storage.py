@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax.random as jr
+import numpy as np
 
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
@@ -21,13 +22,16 @@ VERSION = 1
 POLICY_FILE = "policy.safetensors"
 
 
-def save_policy(policy: Policy, path: Path) -> None:
-    """The policy as one file, atomically.
+def save_policy(policy: Policy, path: Path, half: bool = False) -> None:
+    """The policy as one file, atomically; with `half`, weights in half precision, rounded.
 
     Raises:
         OSError: the folder is missing or not writable, or the disk is full.
     """
-    write_arrays(path, KIND, VERSION, policy.card.as_dict(), to_arrays(policy.network))
+    arrays = to_arrays(policy.network)
+    if half:
+        arrays = {name: array.astype(np.float16) for name, array in arrays.items()}
+    write_arrays(path, KIND, VERSION, policy.card.as_dict(), arrays)
 
 
 def load(source: str | Path) -> Policy:
@@ -45,8 +49,14 @@ def load(source: str | Path) -> Policy:
             raise InputError(f"{source} is not a run folder with a policy: it has no {POLICY_FILE}")
     header, arrays = read_arrays(path, KIND, VERSION)
     card = _card(header, path)
+    arrays = {name: _whole(array) for name, array in arrays.items()}
     network = from_arrays(network_shapes(card), arrays, str(path))
     return Policy(network, card)
+
+
+def _whole(array: np.ndarray) -> np.ndarray:
+    """In single precision, if it was saved in half."""
+    return array.astype(np.float32) if array.dtype == np.float16 else array
 
 
 def no_such_policy(source: str) -> str:

@@ -29,14 +29,15 @@ class PPOConfig:
     max_grad_norm: float = 0.5
     gamma: float = 0.99
     lam: float = 0.95
-    entropy: float = 0.0
+    entropy: float = 0.0  # weight of a chain's entropy (nat)
+    final_entropy: float = 1.0  # share of that weight left at the end, linear in between
     value_weight: float = 0.5
 
     def __post_init__(self) -> None:
         for name in ("envs", "rollout", "minibatch", "epochs", "learning_rate", "max_grad_norm"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("gamma", "lam", "clip", "final_rate"):
+        for name in ("gamma", "lam", "clip", "final_rate", "final_entropy"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         one_of("ratio", self.ratio, RATIOS)

@@ -118,7 +118,7 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
     batch = lessons(ppo, samples, outcomes, values(learner.policy, states))
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
-        shuffle_key,
+        shuffle_key, learner.iteration / config.iterations,
     )  # fmt: skip
     seen = metrics(policy, losses, samples, outcomes, config.lengths)
     course = advance(config, learner.course, seen.episodes_of, seen.goals_of)

@@ -67,14 +67,17 @@ def improve(
     optimiser_state: Any,
     batch: Lesson,
     key: PRNGKeyArray,
+    done: Float[Array, ""] | float = 0.0,
 ) -> tuple[ActorCritic, Any, Losses]:
     """The policy after all epochs of minibatches over the batch, axes (step, env).
 
+    `done` is the share of the run that is over, on which the weight of the entropy depends.
     Every device knows the whole batch and works on its part of each minibatch, so that the
     minibatches are the same however many devices there are.
     """
     flat = jax.tree.map(_flat_everywhere, batch)
     devices, device = jax.lax.axis_size(AXIS), jax.lax.axis_index(AXIS)
+    weight = entropy_weight(config, done)
 
     def epoch(carry: Any, key: PRNGKeyArray) -> tuple[Any, Losses]:
         order = jr.permutation(key, config.batch).reshape(config.minibatches, devices, -1)
@@ -82,7 +85,7 @@ def improve(
 
     def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
         policy, optimiser_state = carry
-        gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen), AXIS)
+        gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen, weight), AXIS)
         norm = optax.tree.norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
         policy = optax.apply_updates(policy, updates)
@@ -93,6 +96,11 @@ def improve(
     return policy, optimiser_state, jax.tree.map(jnp.mean, losses)
 
 
+def entropy_weight(config: PPOConfig, done: Float[Array, ""] | float) -> Float[Array, ""] | float:
+    """Of the entropy in the loss, when this share of the run is over."""
+    return config.entropy * (1 + done * (config.final_entropy - 1))
+
+
 def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:
     """The samples of all devices."""
     whole = jax.lax.all_gather(x, AXIS, axis=1, tiled=True)
@@ -100,7 +108,11 @@ def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sampl
 
 
 def _gradient(
-    policy: ActorCritic, config: PPOConfig, flat: Lesson, chosen: Int[Array, " minibatch"]
+    policy: ActorCritic,
+    config: PPOConfig,
+    flat: Lesson,
+    chosen: Int[Array, " minibatch"],
+    weight: Float[Array, ""] | float,
 ) -> tuple[ActorCritic, Losses]:
     """Mean gradient and losses over the chosen chain-steps, in parts that fit a core's cache."""
     units = flat.sample.present.shape[-1]
@@ -109,7 +121,7 @@ def _gradient(
 
     def of_part(some: Array) -> Any:
         few = jax.tree.map(lambda x: x[some], flat)
-        return jax.grad(loss, has_aux=True)(policy, config, few)
+        return jax.grad(loss, has_aux=True)(policy, config, few, weight)
 
     def add(total: Any, some: Array) -> tuple[Any, None]:
         return jax.tree.map(jnp.add, total, of_part(some)), None
@@ -119,7 +131,12 @@ def _gradient(
     return jax.tree.map(lambda x: x / parts.shape[0], total)
 
 
-def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[Array, ""], Losses]:
+def loss(
+    policy: ActorCritic,
+    config: PPOConfig,
+    batch: Lesson,
+    weight: Float[Array, ""] | float,
+) -> tuple[Float[Array, ""], Losses]:
     """The clipped surrogate (paper equation 1), the value error and the entropy, weighted."""
     sample = batch.sample
     with flat_products():
@@ -131,7 +148,7 @@ def loss(policy: ActorCritic, config: PPOConfig, batch: Lesson) -> tuple[Float[A
     surrogate = _mean(share, jnp.minimum(ratio * gain, clipped * gain))
     value_error = jnp.mean((value - batch.target) ** 2)
     spread = entropy(policy, sample.present)
-    total = -surrogate + config.value_weight * value_error - config.entropy * spread
+    total = -surrogate + config.value_weight * value_error - weight * spread
     return total, Losses(
         policy=-surrogate,
         value=value_error,

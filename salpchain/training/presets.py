@@ -14,7 +14,7 @@ QUICK_STEPS, QUICK_STEPS_PER_UNIT = 1_000_000, 62_500
 # Of `quick` on several lengths (chosen; docs/measurements.md)
 TIGHT = 0.02  # m, Frechet distance at which the target pose is taken
 FOLDED = 0.3  # share of episodes that start from a folded chain
-ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions
+ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions, at the start
 
 
 def quick(length: int) -> TrainConfig:
@@ -38,14 +38,15 @@ def many_lengths(config: TrainConfig) -> TrainConfig:
     Each unit's probability ratio is clipped, so that long chains do not drown short ones. The goal
     is tighter than the judge's, for a controller that stops just inside the judge's at one length
     stops just outside at another. Some episodes start folded, for long chains tangle. Entropy is
-    rewarded: without, a long run stops exploring, and then unlearns. And `gcn` counts a unit's own
-    features twice, or the two units of a pair could not act differently.
+    rewarded: without, a long run stops exploring, and then unlearns; less and less, for a policy
+    that counts on its noise to shake a chain loose gets stuck without it. And `gcn` counts a unit's
+    own features twice, or the two units of a pair could not act differently.
     """
     return replace(
         config,
         task=replace(config.task, tolerance=TIGHT, folded=FOLDED),
         control=replace(config.control, improved=config.control.model == "gcn"),
-        ppo=replace(config.ppo, ratio="unit", entropy=ENTROPY),
+        ppo=replace(config.ppo, ratio="unit", entropy=ENTROPY, final_entropy=0.0),
     )
 
 

@@ -15,8 +15,8 @@ from salpchain.errors import InputError
 
 CARD = {
     "about": "a small one", "command": "python -m studies.release tiny", "limits": "all",
-    "licence": "Apache-2.0", "trials": 200,
-    "measured": [{"length": 8, "success": 0.985, "closed_fraction": 0.97}],
+    "licence": "Apache-2.0", "trials": 200, "training_lengths": [8], "steps": 1000, "minutes": 0.1,
+    "measured": [{"length": 8, "success": 0.985, "closed_fraction": 0.97, "steps_to_goal": 93.5}],
 }  # fmt: skip
 
 
@@ -44,7 +44,11 @@ def test_models_lists_it_and_shows_its_card(tiny, capsys):
     assert "tiny           a small one" in capsys.readouterr().out
     assert run(["models", "tiny"]) == 0
     page = capsys.readouterr().out
-    assert "made by: python -m studies.release tiny" in page and "98.5      97.0" in page
+    assert (
+        "made by: python -m studies.release tiny" in page
+        and "98.5      97.0             94" in page
+    )
+    assert "trained on: 8 units, 1,000 steps, 0.1 minutes" in page
     assert run(["models", "tinny"]) == 2
     assert "choose one of tiny" in capsys.readouterr().err
 

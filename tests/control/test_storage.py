@@ -28,6 +28,16 @@ def test_a_policy_is_loaded_as_it_was_saved_from_its_file_or_its_folder(saved):
             np.testing.assert_array_equal(one, other)
 
 
+def test_half_precision_is_half_the_size_and_nearly_the_same(saved, tmp_path):
+    policy, path = saved
+    save_policy(policy, tmp_path / "half.safetensors", half=True)
+    assert (tmp_path / "half.safetensors").stat().st_size < 0.52 * path.stat().st_size
+    again = load(tmp_path / "half.safetensors")
+    for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(policy), strict=True):
+        assert one.dtype == other.dtype
+        np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-7)
+
+
 def test_the_file_is_plain_safetensors_that_others_can_read(saved):
     from safetensors.numpy import load_file
 

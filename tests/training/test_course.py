@@ -97,7 +97,7 @@ def samples_of(policy, lengths, slots, inputs=5):
 
 def gradient(policy, ratio, batch):
     config = PPOConfig(ratio=ratio, value_weight=0.0)
-    return jax.grad(lambda p: loss(p, config, batch)[0])(policy)
+    return jax.grad(lambda p: loss(p, config, batch, 0.0)[0])(policy)
 
 
 @pytest.mark.parametrize(("ratio", "growth"), [("unit", 1.0), ("chain", 8.0)])

@@ -11,7 +11,7 @@ from salpchain.control.config import ControlConfig
 from salpchain.errors import InputError
 from salpchain.training.config import PPOConfig
 from salpchain.training.journal import NotFiniteError
-from salpchain.training.ppo import Lesson, entropy, loss, optimiser
+from salpchain.training.ppo import Lesson, entropy, entropy_weight, loss, optimiser
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs
 from salpchain.training.trainer import train
@@ -60,7 +60,7 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
         density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
         return -(density.sum(axis=1) * batch.advantage).mean()
 
-    ours = jax.grad(lambda p: loss(p, config, batch)[0])(policy)
+    ours = jax.grad(lambda p: loss(p, config, batch, 0.0)[0])(policy)
     for one, other in zip(
         jax.tree.leaves(ours), jax.tree.leaves(jax.grad(plain)(policy)), strict=True
     ):
@@ -72,8 +72,18 @@ def test_a_ratio_far_outside_the_clip_range_has_no_gradient(policy):
     old = batch.sample.log_prob - jnp.sign(batch.advantage)[:, None]
     far = eqx.tree_at(lambda b: b.sample.log_prob, batch, old)
     config = PPOConfig(value_weight=0.0, entropy=0.0)
-    gradient = jax.grad(lambda p: loss(p, config, far)[0])(policy)
+    gradient = jax.grad(lambda p: loss(p, config, far, 0.0)[0])(policy)
     assert all(not np.asarray(x).any() for x in jax.tree.leaves(gradient))
+
+
+def test_the_weight_of_the_entropy_falls_linearly_to_its_final_share(policy):
+    config = PPOConfig(entropy=0.01, final_entropy=0.5)
+    weights = [float(entropy_weight(config, done)) for done in (0.0, 0.5, 1.0)]
+    assert weights == pytest.approx([0.01, 0.0075, 0.005])
+    batch = batch_of(policy)
+    slope = lambda weight: jax.grad(lambda p: loss(p, config, batch, weight)[0])(policy).log_std  # noqa: E731
+    present = float(batch.sample.present.sum(axis=1).mean())
+    np.testing.assert_allclose(slope(0.5) - slope(0.0), -0.5 * present, rtol=1e-4)
 
 
 def test_the_learning_rate_falls_linearly_to_its_final_share():
