@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from studies import transfer
+from studies import factors, transfer
 from tests.interop.policies import fresh
 
 
@@ -30,3 +30,36 @@ def test_a_policy_swims_in_vmas_as_it_does_here_and_a_stopped_study_goes_on(tmp_
     assert there.closed_fraction.abs().max() > 0.01
     text = (tmp_path / "report.md").read_text()
     assert "| VMAS |" in text and "| nothing | 100.0 (90.0) |" in text
+
+
+def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, monkeypatch):
+    done = []
+
+    def test(policy, lengths, trials, time_limit, seed, out, baseline):
+        rows = {"length": [4, 4, 8, 8], "success": [True, False, True, True]}
+        out.mkdir(parents=True, exist_ok=True)
+        pd.DataFrame({**rows, "closed_fraction": 0.9}).to_csv(out / "evaluation.csv")
+
+    def learn(config, run):
+        done.append((run.parent.name, config.seed))
+
+    monkeypatch.setattr(
+        factors, "VARIANTS", {k: factors.VARIANTS[k] for k in ("base", "no entropy")}
+    )
+    monkeypatch.setattr(factors, "LENGTHS", (4, 8))
+    for name, stand_in in (("train", learn), ("evaluate", test), ("load", lambda run: None)):
+        monkeypatch.setattr(factors, name, stand_in)
+    for _ in range(2):
+        factors.study(tmp_path, 2)
+    assert done == [(name, seed) for seed in (0, 1) for name in ("base", "no-entropy")]
+    assert (
+        "| no entropy | 2 | 50 (50 to 50) | 100 (100 to 100) |"
+        in (tmp_path / "report.md").read_text()
+    )
+
+
+def test_each_variant_changes_one_thing():
+    base = factors.VARIANTS["base"]
+    for name, config in factors.VARIANTS.items():
+        assert config.steps == base.steps and config.preset == base.preset
+        assert (config == base) == (name == "base")

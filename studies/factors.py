@@ -1,0 +1,132 @@
+"""What makes a controller general? One factor at a time: python -m studies.factors OUT [SEEDS]
+
+Trains each variant with each seed (default 3) for the same number of steps, tests it unchanged at
+lengths from 2 to 64, and writes OUT/VARIANT/seed-S/ (settings, log, evaluation), OUT/factors.csv
+and OUT/report.md. What is there is kept: stopped, it goes on. Weights are not needed afterwards.
+"""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from salpchain.control.storage import load
+from salpchain.domain.config import GOAL_LIMIT
+from salpchain.errors import InputError
+from salpchain.evaluation.config import TRIALS_FILE
+from salpchain.evaluation.evaluate import evaluate
+from salpchain.files import write_text
+from salpchain.training import presets, run_folder
+from salpchain.training.config import Mix, TrainConfig
+from salpchain.training.trainer import resume, train
+
+STEPS = 2_000_000  # of every variant
+LENGTHS = (2, 4, 8, 16, 32, 64)
+TRIALS = 100
+SEED = 4000  # of the starts that judge (chosen)
+LIMIT = "scaled"
+BASE = "base"
+
+
+ALL = tuple(range(2, 17))  # units
+
+
+def variant(lengths: tuple[int, ...] = ALL, **changes: dict[str, Any]) -> TrainConfig:
+    """`quick` on several lengths with some settings changed, by the part that they belong to."""
+    config = presets.choose("quick", mix=Mix(ALL), steps=STEPS)
+    parts = {name: replace(getattr(config, name), **new) for name, new in changes.items()}
+    task = replace(parts.pop("task", config.task), length=lengths[-1])
+    return replace(config, task=task, mix=Mix(lengths if len(lengths) > 1 else ()), **parts)
+
+
+VARIANTS: dict[str, TrainConfig] = {
+    BASE: variant(),
+    "observation table1": variant(task={"observation": "table1"}),
+    "graph full": variant(control={"graph": "full"}),
+    "a unit counts once": variant(control={"improved": False}),
+    "model gatv2": variant(control={"model": "gatv2", "improved": False}),
+    "ratio of the chain": variant(ppo={"ratio": "chain"}),
+    "no folded starts": variant(task={"folded": 0.0}),
+    "goal of 5 cm": variant(task={"tolerance": GOAL_LIMIT}),
+    "no shaping": variant(task={"fine_weight": 0.0}),
+    "no entropy": variant(ppo={"entropy": 0.0}),
+    "entropy to the end": variant(ppo={"final_entropy": 1.0}),
+    "scaled time limit": variant(task={"time_limit": "scaled"}),
+    "trained on 8": variant((8,)),
+    "trained on 16": variant((16,)),
+    "trained on 16, a log-std for each unit": variant((16,), control={"shared_log_std": False}),
+    "trained on 4 to 8": variant(tuple(range(4, 9))),
+    "trained on 4 to 16": variant(tuple(range(4, 17))),
+}
+
+
+def study(out: Path, seeds: int) -> None:
+    """All runs that are missing, seed by seed, then the report."""
+    for seed in range(seeds):
+        for name, config in VARIANTS.items():
+            run_one(replace(config, seed=seed), out / name.replace(" ", "-") / f"seed-{seed}")
+            write_report(out)
+
+
+def run_one(config: TrainConfig, run: Path) -> None:
+    """Trains and tests one variant with one seed, as far as that is not done."""
+    if (run / TRIALS_FILE).exists():
+        return
+    print(run, flush=True)
+    if not (run / run_folder.SUMMARY_FILE).exists():
+        if (run / run_folder.CONFIG_FILE).exists():
+            resume(run)
+        else:
+            train(config, run)
+    evaluate(load(run), LENGTHS, TRIALS, LIMIT, SEED, run, baseline=False)
+
+
+def write_report(out: Path) -> None:
+    """One row for each variant, seed and length; and a table of means over seeds."""
+    rows = []
+    for name in VARIANTS:
+        for path in sorted((out / name.replace(" ", "-")).glob(f"seed-*/{TRIALS_FILE}")):
+            for length, frame in pd.read_csv(path).groupby("length"):
+                about = {"variant": name, "seed": path.parent.name, "length": length}
+                closed = frame.closed_fraction.mean()
+                rows.append({**about, "success": frame.success.mean(), "closed_fraction": closed})
+    table = pd.DataFrame(rows)
+    write_text(out / "factors.csv", table.to_csv(index=False))
+    write_text(out / "report.md", as_markdown(table))
+
+
+def as_markdown(table: pd.DataFrame) -> str:
+    """Mean success over seeds, with the lowest and the highest."""
+    steps = f"{STEPS:,} steps each, {TRIALS} episodes of each length, time limit `{LIMIT}`"
+    lines = ["# What makes a controller hold at any length", ""]
+    lines += [
+        f"`gcn` on `mixed`, trained on 2 to 16 units, one factor changed at a time: {steps}.",
+        "",
+    ]
+    lines += ["Success in percent, mean over seeds (lowest to highest)."]
+    lines += ["", "| variant | seeds | " + " | ".join(f"{n} units" for n in LENGTHS) + " |"]
+    lines.append("| --- | --- |" + " --- |" * len(LENGTHS))
+    for name, frame in table.groupby("variant", sort=False):
+        by_length = 100 * frame.groupby("length").success.agg(["mean", "min", "max"])
+        cells = [f"{row['mean']:.0f} ({row['min']:.0f} to {row['max']:.0f})"
+                 for _, row in by_length.iterrows()]  # fmt: skip
+        lines.append(f"| {name} | {frame.seed.nunique()} | " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Studies into the folder that the command line names."""
+    words = sys.argv[1:]
+    if len(words) not in (1, 2) or not (len(words) == 1 or words[1].isdigit()):
+        raise InputError("give a folder, and how many seeds: python -m studies.factors OUT 3")
+    study(Path(words[0]), int(words[1]) if len(words) == 2 else 3)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except InputError as error:
+        print(f"studies.factors: {error}", file=sys.stderr)
+        sys.exit(2)
