@@ -15,6 +15,7 @@ from salpchain.control.policy import Policy
 from salpchain.control.released import FOLDER
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
+from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
@@ -58,9 +59,11 @@ def release(name: str, runs: Path) -> None:
     policy = Policy(trained.network, dataclasses.replace(trained.card, name=name))
     file = run / f"{name}.safetensors"
     save_policy(policy, file, half=True)
-    summary = evaluate(
-        load(file), LENGTHS, TRIALS, "scaled", SEED, run / "evaluation", baseline=False
-    )
+    tested = run / "evaluation"
+    if not (tested / SUMMARY_FILE).exists():
+        evaluate(load(file), LENGTHS, TRIALS, "scaled", SEED, tested, baseline=False)
+    summary = read_json(tested / SUMMARY_FILE)
+    FOLDER.mkdir(exist_ok=True)
     shutil.copy(file, FOLDER / file.name)
     trained_for = read_json(run / run_folder.SUMMARY_FILE)
     write_json(FOLDER / f"{name}.json", _card(policy, about, trained_for, summary))
