@@ -65,7 +65,9 @@ def _thirds(groups: Sequence[pd.DataFrame], name: str) -> list[Summary]:
     places = [np.argsort(np.argsort(rows[name].to_numpy(), kind="stable")) for rows in groups]
     third = np.concatenate([3 * place // len(place) for place in places])
     frame = pd.concat(groups)
-    return [_of_third(THIRDS[k], frame[third == k], name) for k in range(3) if (third == k).any()]
+    return [
+        _of_third(THIRDS[k], frame.loc[third == k], name) for k in range(3) if (third == k).any()
+    ]
 
 
 def _of_third(third: str, rows: pd.DataFrame, name: str) -> Summary:

@@ -195,8 +195,9 @@ def _checked(mode: str | None, modes: list[str]) -> str | None:
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     known = {name: each for each in AutoresetMode for name in (each.name, each.value)}
-    one_of("autoreset mode", getattr(mode, "name", mode), known)
-    return known[getattr(mode, "name", mode)]
+    name = mode.name if isinstance(mode, AutoresetMode) else mode
+    one_of("autoreset mode", name, known)
+    return known[name]
 
 
 def _check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:

@@ -231,11 +231,11 @@ class ChainEnvironment(Environment):
                 moved.
         """
         names = [agent.name for agent in self.agents]
-        by_name = actions if isinstance(actions, dict) else dict(enumerate(actions))
-        wanted = names if isinstance(actions, dict) else list(range(len(names)))
-        if by_name.keys() != set(wanted):
-            raise InputError(f"give an action for each of {len(names)} units, got {len(by_name)}")
-        pairs = zip(names, (by_name[each] for each in wanted), strict=True)
+        by_name = isinstance(actions, dict)
+        given = [actions[name] for name in names if name in actions] if by_name else list(actions)
+        if not len(names) == len(given) == len(actions):
+            raise InputError(f"give an action for each of {len(names)} units, got {len(given)}")
+        pairs = zip(names, given, strict=True)
         return super().step([self._checked(name, action) for name, action in pairs])
 
     def _checked(self, name: str, action: Any) -> Tensor:
