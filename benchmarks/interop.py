@@ -102,7 +102,7 @@ def onnx_speed(policy: Policy, units: int = 64) -> dict[str, Any]:
     return {"policy": name, "length": units, "megabytes": size / 1e6, "milliseconds": milliseconds}
 
 
-def vmas_speed(envs: int = 256, steps: int = 20) -> dict[str, Any]:
+def vmas_speed(envs: int = 256, steps: int = 100) -> dict[str, Any]:
     """Environment steps per second of the VMAS scenario under random actions.
 
     The original study's scenario ran about 110 at 256 environments of 8 units on 2 cores.

@@ -57,13 +57,7 @@ def run_trials(
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
     own number only. All controllers swim side by side, in one compiled program, and must speak
     the same observation and action. The physics are the paper's, unless others are given. Columns:
-    policy, length, trial, seed, time_limit, success, closed_fraction, final_distance (m),
-    start_distance (m), steps_to_goal (NaN without success), steps, thrust_effort (N s per unit),
-    path_efficiency (NaN for a chain that never moved), contact_time (s, of the control steps in
-    which some two units pushed each other), reachable and fewest_steps (the physical limits of
-    closed_fraction and of steps to the goal), regret (what is missing to reachable; 0 for a
-    success), time_ratio (steps to the goal over the fewest possible) and how hard the start is: far
-    (mean distance in lengths of the chain), turn and bend (rad).
+    policy, length, trial, seed, time_limit, and what `_measures` says.
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
@@ -262,7 +256,15 @@ def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
 
 
 def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
-    """The measures of finished trials by name, each (trial, controller)."""
+    """The measures of finished trials by name, each (trial, controller).
+
+    success, closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without
+    success), steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never
+    moved), contact_time (s, of the control steps in which some two units pushed each other),
+    reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
+    how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
+    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
+    """
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
     moved = jax.vmap(jax.vmap(centroid))(state.chain) - trials.start.origin
