@@ -114,13 +114,13 @@ def with_changes(policy: Policy, setting: str, length: int, trials: int) -> pd.D
 def study(policy: Policy, out: Path, trials: int = TRIALS) -> None:
     """All of it, part by part."""
     out.mkdir(parents=True, exist_ok=True)
-    for length in LENGTHS:
-        _add(out / "vmas.csv", {"length": length}, lambda n=length: in_vmas(policy, n, trials))
     for setting in SETTINGS:
         for length in LENGTHS:
             part = {"setting": setting, "length": length}
             play = lambda s=setting, n=length: with_changes(policy, s, n, trials)  # noqa: E731
             _add(out / "changed.csv", part, play)
+    for length in LENGTHS:
+        _add(out / "vmas.csv", {"length": length}, lambda n=length: in_vmas(policy, n, trials))
     write_text(out / "report.md", report(policy.card.name, out))
 
 

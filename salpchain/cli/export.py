@@ -36,7 +36,7 @@ def run(options: Export) -> None:
     """Writes the file."""
     one_of("format", options.format, FORMATS)
     if not options.policy:
-        raise InputError("salpchain export needs a policy: a run folder or a policy.safetensors")
+        raise InputError("salpchain export needs a policy, e.g. any-length, or a run folder")
     from salpchain.control.storage import load
     from salpchain.interop.export import export
 
