@@ -143,10 +143,11 @@ def report(name: str, out: Path) -> str:
     for file, by in (("vmas.csv", "engine"), ("changed.csv", "setting")):
         frame = pd.read_csv(out / file)
         rows = frame.groupby([by, "length"], sort=False)[["success", "closed_fraction"]].mean()
-        parts += [about, f"| {by} | " + " | ".join(f"{n} units" for n in LENGTHS) + " |"]
-        parts.append("| --- |" + " --- |" * len(LENGTHS))
+        lengths = frame.length.unique()
+        parts += [about, f"| {by} | " + " | ".join(f"{n} units" for n in lengths) + " |"]
+        parts.append("| --- |" + " --- |" * len(lengths))
         for kind in frame[by].unique():
-            cells = (rows.loc[(kind, n)] for n in LENGTHS)
+            cells = (rows.loc[(kind, n)] for n in lengths)
             shown = (f"{100 * c.success:.1f} ({100 * c.closed_fraction:.1f})" for c in cells)
             parts.append(f"| {kind} | " + " | ".join(shown) + " |")
         parts.append("")
