@@ -21,15 +21,13 @@ from salpchain.files import write_text
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.trainer import resume, train
+from studies import program
 
 STEPS = 2_000_000  # of every variant
 LENGTHS = (2, 4, 8, 16, 32, 64)
 TRIALS = 100
 SEED = 4000  # of the starts that judge (chosen)
 LIMIT = "scaled"
-BASE = "base"
-
-
 ALL = tuple(range(2, 17))  # units
 
 
@@ -42,7 +40,7 @@ def variant(lengths: tuple[int, ...] = ALL, **changes: dict[str, Any]) -> TrainC
 
 
 VARIANTS: dict[str, TrainConfig] = {
-    BASE: variant(),
+    "base": variant(),
     "observation table1": variant(task={"observation": "table1"}),
     "graph full": variant(control={"graph": "full"}),
     "a unit counts once": variant(control={"improved": False}),
@@ -125,8 +123,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"studies.factors: {error}", file=sys.stderr)
-        sys.exit(2)
+    program("factors", main)

@@ -5,7 +5,6 @@ training and no choice has seen, and writes the policy and its model card to sal
 """
 
 import dataclasses
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -21,6 +20,7 @@ from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.trainer import resume, train
+from studies import program
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
@@ -64,7 +64,7 @@ def release(name: str, runs: Path) -> None:
         evaluate(load(file), LENGTHS, TRIALS, "scaled", SEED, tested, baseline=False)
     summary = read_json(tested / SUMMARY_FILE)
     FOLDER.mkdir(exist_ok=True)
-    shutil.copy(file, FOLDER / file.name)
+    save_policy(policy, FOLDER / file.name, half=True)
     trained_for = read_json(run / run_folder.SUMMARY_FILE)
     write_json(FOLDER / f"{name}.json", _card(policy, about, trained_for, summary))
 
@@ -103,8 +103,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"studies.release: {error}", file=sys.stderr)
-        sys.exit(2)
+    program("release", main)

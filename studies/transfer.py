@@ -27,6 +27,7 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.chain import Physics, at_rest
+from studies import program
 
 LENGTHS = (4, 8, 16, 32)
 TRIALS = 200
@@ -162,8 +163,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except InputError as error:
-        print(f"studies.transfer: {error}", file=sys.stderr)
-        sys.exit(2)
+    program("transfer", main)

@@ -9,8 +9,7 @@ import tyro
 from salpchain.cli.options import Name, text_option
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
-
-FORMATS = {"onnx": ".onnx", "torch": ".safetensors"}
+from salpchain.interop import FORMATS
 
 
 @dataclass(frozen=True)
@@ -21,11 +20,11 @@ class Export:
     salpchain.interop.network.load_torch (extra torch). Both take any number of chains and units,
     clip inside, and say what each number of the observation is.
 
-    Example: salpchain export runs/eight --format onnx --out eight.onnx
+    Example: salpchain export any-length --format onnx --out salps.onnx
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("POLICY")]] = ""
-    """A run folder, or a policy.safetensors."""
+    """A run folder, a policy.safetensors, or a released policy that `salpchain models` lists."""
     format: Name = "onnx"
     """onnx or torch."""
     out: Annotated[str, text_option("FILE")] = ""

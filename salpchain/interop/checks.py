@@ -46,9 +46,10 @@ def limit_of(config: TaskConfig, max_steps: int | None) -> int:
     """
     if max_steps is None:
         return step_limit(config.time_limit, config.length)
-    if not isinstance(max_steps, int) or isinstance(max_steps, bool) or max_steps < 1:
+    whole = isinstance(max_steps, int | np.integer) and not isinstance(max_steps, bool)
+    if not whole or max_steps < 1:
         raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
-    return max_steps
+    return int(max_steps)
 
 
 def checked_seed(seed: Any) -> int:

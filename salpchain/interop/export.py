@@ -6,10 +6,9 @@ from pathlib import Path
 from salpchain.control.policy import Controller, Policy
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
+from salpchain.interop import FORMATS
 from salpchain.interop.layout import metadata
 from salpchain.trees import to_arrays
-
-KINDS = ("onnx", "torch")
 
 
 def export(policy: Controller, path: str | Path, kind: str) -> None:
@@ -19,7 +18,7 @@ def export(policy: Controller, path: str | Path, kind: str) -> None:
         InputError: no such kind, no learned policy, or its extra is not installed.
         OSError: the folder is missing or not writable, or the disk is full.
     """
-    one_of("format", kind, KINDS)
+    one_of("format", kind, FORMATS)
     if not isinstance(policy, Policy):
         raise InputError(f"only a learned policy can be exported, got {policy!r:.60}")
     path = Path(path)

@@ -144,11 +144,12 @@ class SalpVectorEnv(VectorEnv):
                 boolean for each; another option.
         """
         mask = _check_options(options, ("reset_mask",)).get("reset_mask")
+        super().reset(seed=seed if isinstance(seed, int) else None)
         if mask is None:
             obs, self._over = self._batch.reset(seed), np.zeros(self.num_envs, bool)
         else:
             obs = self._batch.reset_some(mask, seed)
-            self._over = self._over & ~mask
+            self._over = self._over & ~np.asarray(mask)
         return np.array(obs), {}
 
     def step(

@@ -93,10 +93,13 @@ def test_the_other_modes_of_autoreset_are_those_of_gymnasium(mode):
             mask = np.arange(ENVS) == 1
             pair = [env.reset(options={"reset_mask": mask})[0] for env in (ours, theirs)]
             np.testing.assert_allclose(*pair, atol=ROUNDED)
+            ours.reset(options={"reset_mask": mask.tolist()})
 
 
 def test_a_time_limit_and_seeds_are_given_as_gymnasium_has_them():
     env = gymnasium.make_vec(bridge.ID, num_envs=ENVS, max_episode_steps=2, **TASK)
+    env.reset(seed=3)
+    assert env.np_random_seed == 3
     first, _ = env.reset(seed=(3, 4, 5, 6))
     np.testing.assert_array_equal(env.reset(seed=[3, 4, None, 6])[0][[0, 1, 3]], first[[0, 1, 3]])
     actions = np.zeros((ENVS, 2, 1), np.float32)
