@@ -93,7 +93,9 @@ def test_the_other_modes_of_autoreset_are_those_of_gymnasium(mode):
             mask = np.arange(ENVS) == 1
             pair = [env.reset(options={"reset_mask": mask})[0] for env in (ours, theirs)]
             np.testing.assert_allclose(*pair, atol=ROUNDED)
-            ours.reset(options={"reset_mask": mask.tolist()})
+            listed = ours.reset(options={"reset_mask": mask.tolist()})[0]
+            again = theirs.reset(options={"reset_mask": mask})[0]
+            np.testing.assert_allclose(listed, again, atol=ROUNDED)
 
 
 def test_a_time_limit_and_seeds_are_given_as_gymnasium_has_them():
