@@ -25,8 +25,10 @@ from salpchain.physics.chain import Physics
 from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
-SLOTS = (16, 64, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
+SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
+FEWER = 4  # the batch shrinks by this once so few trials go on (chosen)
+WORTH = 20_000_000  # steps of a unit left to compute, worth compiling a smaller batch (chosen)
 REPORTS = 16  # times that progress is reported in a batch (chosen)
 
 Progress = Callable[[float], None]  # told the share of the work that is done
@@ -164,16 +166,36 @@ def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
 def _play_out(
     env: SCLD, controllers: Sequence[Controller], trials: Trial, limit: int, progress: Progress
 ) -> Trial:
-    """All trials at their ends."""
+    """All trials at their ends. Those that have ended leave the batch when few go on."""
+    swimming, places = trials, np.arange(len(trials.effort))
     memories = _remember(controllers, trials)
     stride = -(-limit // REPORTS)
     for until in range(stride, limit + stride, stride):
-        trials, memories = play(env, controllers, trials, memories, jnp.int32(until))
-        if bool(trials.state.done.all()):
+        swimming, memories = play(env, controllers, swimming, memories, jnp.int32(until))
+        going = np.asarray(~swimming.state.done.all(axis=1))
+        if not going.any():
             break
         progress(min(until / limit, 1.0))
+        work = (limit - until) * len(places) * len(controllers) * env.config.length
+        if FEWER * going.sum() <= len(places) and work >= WORTH:
+            trials = _put(trials, swimming, places)
+            stay = np.argsort(~going, stable=True)[: _share_evenly(-(-len(places) // FEWER))]
+            swimming, memories = _take((swimming, memories), stay)
+            places = places[stay]
     progress(1.0)
-    return trials
+    return _put(trials, swimming, places)
+
+
+@eqx.filter_jit
+def _put(trials: Trial, some: Trial, places: Int[Array, " some"]) -> Trial:
+    """The trials with some of them in their places."""
+    return jax.tree.map(lambda x, new: x.at[places].set(new), trials, some)
+
+
+def _take(batch: Any, places: np.ndarray) -> Any:
+    """Some of a batch, shared out over the devices."""
+    some = jax.tree.map(lambda x: x[places], batch)
+    return jax.device_put(some, NamedSharding(_mesh(len(places)), Spec(AXIS)))
 
 
 @eqx.filter_jit

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from salpchain.control.approach import Approach
 from salpchain.control.greedy import Greedy
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
@@ -222,3 +223,21 @@ def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
         # not longer: joints that switch on and off make millimetres of the last digit in a second
         np.testing.assert_allclose(swim.unit_position[:8], alone.unit_position[:8], atol=1e-3)
         np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)
+
+
+def test_trials_that_go_on_alone_end_as_they_do_among_all(monkeypatch):
+    sizes = []
+
+    def watched(env, crew, trials, *rest):
+        sizes.append(len(trials.effort))
+        return play(env, crew, trials, *rest)
+
+    among_all = run_trials([Approach()], LENGTH, TRIALS, "fixed", SEED)[0]
+    assert 0 < among_all.success.mean()
+    monkeypatch.setattr(module, "play", watched)
+    monkeypatch.setattr(module, "REPORTS", 64)
+    monkeypatch.setattr(module, "WORTH", 0)
+    alone = run_trials([Approach()], LENGTH, TRIALS, "fixed", SEED)[0]
+    assert sizes[0] == TRIALS
+    assert sizes[-1] <= TRIALS / 4
+    pd.testing.assert_frame_equal(alone, among_all, rtol=0.02)
