@@ -29,7 +29,7 @@ class Models:
     length: Whole = "8"
     """Training length, which sets the number of log-stds."""
     observation: Name = "table1"
-    """table1 (the paper's) or body."""
+    """What the units observe: table1 (the paper's), body, anonymous or metric."""
 
 
 def run(options: Models) -> None:

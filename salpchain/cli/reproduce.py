@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, positive, text_option, whole
 from salpchain.cluster.grid import PAPER_TESTS, Grid, claim
-from salpchain.control.config import GRAPH_NAMES, SINGLE_LENGTH
+from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -93,7 +93,7 @@ def grid_of(options: Reproduce) -> Grid:
     lengths = tuple(parse_lengths(options.lengths))
     tests = tuple(parse_lengths(options.tests)) if options.tests else lengths
     if any(model not in SINGLE_LENGTH for model in models):
-        graphs = graphs or GRAPH_NAMES
+        graphs = graphs or PAPER_GRAPHS
         tests = tests if options.tests else PAPER_TESTS
     return Grid(
         preset=options.preset,

@@ -33,9 +33,11 @@ class Train:
     model: Name = ""
     """Controller: gcn (default), gatv2 or gt (any length), or mlp (its training length only)."""
     graph: Name = ""
-    """Who listens to whom: mixed (itself and its neighbours; default) or full (everyone)."""
+    """Who listens to whom: mixed (itself and its neighbours; default), full (everyone), near (up to
+    4 links away) or hub (neighbours, and a summary of the chain)."""
     observation: Name = ""
-    """body (a unit's own view; quick) or table1 (the paper's 24 numbers; paper)."""
+    """body (a unit's own view; quick), table1 (the paper's 24 numbers; paper), anonymous (body
+    without the place in the chain) or metric (body with what is far in metres)."""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from salpchain.control.config import GRAPH_NAMES, SINGLE_LENGTH
+from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import TIME_LIMITS, check_length, one_of, step_limit
 from salpchain.errors import InputError
 from salpchain.files import read_json, write_json
@@ -51,7 +51,7 @@ class Grid:
 
     preset: str = "quick"
     models: tuple[str, ...] = PAPER_MODELS
-    graphs: tuple[str, ...] = GRAPH_NAMES
+    graphs: tuple[str, ...] = PAPER_GRAPHS
     lengths: tuple[int, ...] = PAPER_LENGTHS
     seeds: int = PAPER_SEEDS
     steps: int | None = None  # of each run; None: the preset's
@@ -69,7 +69,7 @@ class Grid:
         if not 1 <= self.seeds <= MOST_SEEDS:
             raise InputError(f"seeds must be 1 to {MOST_SEEDS}, got {self.seeds}")
         if any(model not in SINGLE_LENGTH for model in self.models):
-            _check_each("graph", self.graphs, GRAPH_NAMES)
+            _check_each("graph", self.graphs, PAPER_GRAPHS)
         else:
             self._check_without_graphs()
 

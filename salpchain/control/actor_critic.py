@@ -35,9 +35,7 @@ class Trunk(Protocol):
 
 def trunk(key: PRNGKeyArray, config: ControlConfig, inputs: int) -> Trunk:
     """The graph network of these settings, with fresh weights."""
-    if config.model == "gcn":
-        return gcn(key, inputs, config.improved)
-    return {"gatv2": gatv2, "gt": gt}[config.model](key, inputs)
+    return {"gcn": gcn, "gatv2": gatv2, "gt": gt}[config.model](key, inputs, config)
 
 
 @runtime_checkable
@@ -85,8 +83,10 @@ class GraphActorCritic(eqx.Module):
     def features(
         self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
     ) -> Float[Array, "unit 128"]:
-        """What the trunk makes of the observations."""
-        return self.trunk(obs, graph or GRAPHS[self.graph](present, joined))
+        """What the trunk makes of the observations; nodes that are no units observe nothing."""
+        graph = graph or GRAPHS[self.graph](present, joined)
+        others = graph.nodes - len(obs)
+        return self.trunk(jnp.pad(obs, ((0, others), (0, 0))), graph)[: len(obs)]
 
     def value(self, features: Float[Array, "unit 128"], present: Present) -> Float[Array, ""]:
         """Value of the units' features, pooled by learned attention over the present units."""

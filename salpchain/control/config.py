@@ -7,7 +7,9 @@ from salpchain.errors import InputError
 
 MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
 SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
-GRAPH_NAMES: tuple[str, ...] = ("mixed", "full")
+PAPER_GRAPHS: tuple[str, ...] = ("mixed", "full")
+GRAPH_NAMES: tuple[str, ...] = (*PAPER_GRAPHS, "near", "hub")
+PAPER_DEPTH, DEEPEST = 2, 8  # graph layers
 
 
 @dataclass(frozen=True)
@@ -16,16 +18,21 @@ class ControlConfig:
 
     Raises:
         InputError: an unknown model or graph; the message lists the known ones. `improved` for
-            another model than gcn.
+            another model than gcn. A depth out of range, or of a model without graph layers.
     """
 
     model: str = "gcn"
     graph: str = "mixed"
     shared_log_std: bool = True  # one for each kind of action; else one for each unit (the paper's)
     improved: bool = False  # gcn counts a unit's own features twice (PyG `GCNConv(improved=True)`)
+    depth: int = PAPER_DEPTH  # graph layers; a unit hears as many links far
 
     def __post_init__(self) -> None:
         one_of("model", self.model, MODELS)
         one_of("graph", self.graph, GRAPH_NAMES)
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")
+        if not PAPER_DEPTH <= self.depth <= DEEPEST:
+            raise InputError(f"depth must be {PAPER_DEPTH} to {DEEPEST} layers, got {self.depth}")
+        if self.depth != PAPER_DEPTH and self.model in SINGLE_LENGTH:
+            raise InputError(f"an {self.model} has no graph layers: leave depth at {PAPER_DEPTH}")

@@ -3,12 +3,15 @@
 import jax.random as jr
 from jaxtyping import PRNGKeyArray
 
-from salpchain.control.layers import WIDTH, TwoLayers, gcn_conv
+from salpchain.control.config import ControlConfig
+from salpchain.control.layers import WIDTH, Layers, gcn_conv
 
 
-def gcn(key: PRNGKeyArray, inputs: int, improved: bool = False) -> TwoLayers:
-    """A trunk with fresh weights; `improved` as `GCNConv` has it."""
-    first_key, second_key = jr.split(key)
-    return TwoLayers(
-        gcn_conv(first_key, inputs, WIDTH, improved), gcn_conv(second_key, WIDTH, WIDTH, improved)
+def gcn(key: PRNGKeyArray, inputs: int, config: ControlConfig) -> Layers:
+    """A trunk with fresh weights; `config.improved` as `GCNConv` has it."""
+    widths = [inputs, *[WIDTH] * (config.depth - 1)]
+    keys = jr.split(key, config.depth)
+    first, second, *more = (
+        gcn_conv(k, w, WIDTH, config.improved) for k, w in zip(keys, widths, strict=True)
     )
+    return Layers(first, second, more)

@@ -14,10 +14,17 @@ Heads = Float[Array, "unit *head feature"]
 Scores = Float[Array, "unit seen *head"]
 Compare = Callable[[Array, Array], Array]  # (..., feature), twice, to (...)
 
+REACH = 4  # links that a unit hears far on `near` (chosen)
+
 
 @runtime_checkable
 class Graph(Protocol):
-    """A graph with a self loop at each present node."""
+    """A graph with a self loop at each present node: the units, then other nodes if it has any."""
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes, empty slots counted."""
+        ...
 
     def degree(self) -> Int[Array, " unit"]:
         """Number of nodes that each node sees, itself counted."""
@@ -45,6 +52,11 @@ class ChainGraph(eqx.Module):
 
     present: Bool[Array, " unit"]
     joined: Bool[Array, " link"]
+
+    @property
+    def nodes(self) -> int:
+        """Number of slots."""
+        return self.present.shape[0]
 
     def degree(self) -> Int[Array, " unit"]:
         """1, plus 1 for each joined neighbour."""
@@ -100,6 +112,11 @@ class DenseGraph(eqx.Module):
 
     sees: Bool[Array, "unit unit"]
 
+    @property
+    def nodes(self) -> int:
+        """Number of rows."""
+        return self.sees.shape[0]
+
     def degree(self) -> Int[Array, " unit"]:
         """Row sums, at least 1."""
         return jnp.maximum(self.sees.sum(axis=1), 1)
@@ -138,6 +155,20 @@ def full(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGr
     return of_adjacency(present[:, None] & present)
 
 
+def near(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGraph:
+    """Each unit sees those at most `REACH` joined links away: between `mixed` and `full`. Ours."""
+    slot = jnp.arange(present.shape[0])
+    piece = jnp.concatenate([jnp.zeros(1, int), jnp.cumsum(~joined)])  # of a chain that was cut
+    within = jnp.abs(slot[:, None] - slot) <= REACH
+    return of_adjacency(within & (piece[:, None] == piece) & present[:, None] & present)
+
+
+def hub(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGraph:
+    """`mixed`, and one node more, last, that sees every unit and that every unit sees. Ours."""
+    sees = jnp.diag(present) | jnp.diag(joined, 1) | jnp.diag(joined, -1)
+    return of_adjacency(jnp.pad(sees, (0, 1)).at[:-1, -1].set(present).at[-1, :-1].set(present))
+
+
 def of_adjacency(sees: ArrayLike) -> DenseGraph:
     """Your own graph, (n, n) of bool: `sees[i, j]` says that unit i hears unit j.
 
@@ -152,4 +183,9 @@ def of_adjacency(sees: ArrayLike) -> DenseGraph:
     return DenseGraph(jnp.asarray(sees) | jnp.eye(shape[0], dtype=bool))
 
 
-GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {"mixed": mixed, "full": full}
+GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {
+    "mixed": mixed,
+    "full": full,
+    "near": near,
+    "hub": hub,
+}

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from salpchain.control.config import ControlConfig
 from salpchain.control.graph import Graph
 from salpchain.control.layers import (
     WIDTH,
@@ -17,7 +18,6 @@ from salpchain.control.layers import (
 )
 
 HEADS = 2  # averaged (paper Table 3)
-LAYERS = 2
 
 
 class Block(eqx.Module):
@@ -32,21 +32,21 @@ class Block(eqx.Module):
 
 
 class GT(eqx.Module):
-    """A linear layer, then two blocks."""
+    """A linear layer, then blocks (paper Table 3: two)."""
 
     entry: Linear
     blocks: list[Block]
 
     def __call__(self, x: Float[Array, "unit inputs"], graph: Graph) -> Float[Array, "unit 128"]:
-        """Features of each unit from what the units within two edges of it observe."""
+        """Features of each unit from what the units within as many edges of it observe."""
         x = self.entry(x)
         for block in self.blocks:
             x = block(x, graph)
         return x
 
 
-def gt(key: PRNGKeyArray, inputs: int) -> GT:
+def gt(key: PRNGKeyArray, inputs: int, config: ControlConfig) -> GT:
     """A trunk with fresh weights."""
-    entry_key, *keys = jr.split(key, 1 + LAYERS)
+    entry_key, *keys = jr.split(key, 1 + config.depth)
     blocks = [Block(transformer_conv(k, WIDTH, WIDTH, HEADS), new_layer_norm(WIDTH)) for k in keys]
     return GT(linear(entry_key, inputs, WIDTH), blocks)

@@ -75,15 +75,19 @@ class GATv2Conv(eqx.Module):
         return whole_gradient(mixed.reshape(x.shape[0], -1) + self.bias, self.bias)
 
 
-class TwoLayers(eqx.Module):
-    """A graph layer, GELU, layer norm without parameters, a graph layer, GELU (paper Table 3)."""
+class Layers(eqx.Module):
+    """Graph layers, GELU after each, layer norm without parameters between (paper Table 3: two)."""
 
     first: GCNConv | GATv2Conv
     second: GCNConv | GATv2Conv
+    more: list[GCNConv | GATv2Conv]
 
     def __call__(self, x: Float[Array, "unit inputs"], graph: Graph) -> Float[Array, "unit 128"]:
-        """Features of each unit from what the units within two edges of it observe."""
-        return gelu(self.second(layer_norm(gelu(self.first(x, graph))), graph))
+        """Features of each unit from what the units within as many edges of it observe."""
+        x = gelu(self.first(x, graph))
+        for layer in (self.second, *self.more):
+            x = gelu(layer(layer_norm(x), graph))
+        return x
 
 
 class TransformerConv(eqx.Module):

@@ -8,7 +8,7 @@ from salpchain.errors import InputError
 SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
-OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24}
+OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24, "anonymous": 21, "metric": 22}
 GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)
 STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
@@ -23,7 +23,7 @@ class TaskConfig:
     """
 
     length: int = 8  # number of units; the slots of a batch that mixes lengths
-    observation: str = "body"  # or table1
+    observation: str = "body"  # or another of OBSERVATION_SIZES
     action: str = "thrust"  # or pair
     time_limit: str = "fixed"  # or scaled
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there

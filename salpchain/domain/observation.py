@@ -1,10 +1,13 @@
-"""What each unit observes: `table1`, the paper's, and `body`, the unit's own view (DESIGN 4).
+"""What each unit observes: `table1`, the paper's; `body`, the unit's own view, and variants of it.
+
+DESIGN section 4.
 
 The features are worked out as rows, one number of every unit, with the batch of chains last
 (see `physics.batching`): units are the first axis of every row, whether a batch follows or not.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -109,8 +112,10 @@ def table1(view: View) -> list[Row]:
     ]
 
 
-def body(view: View) -> list[Row]:
+def body(view: View, metric: bool = False) -> list[Row]:
     """22 numbers in the unit's own axes, of much the same size at any length and distance.
+
+    `metric`: what is far is given in metres as it is.
 
     The place beside the chain's centroid is in units of the chain's own spread (root mean square).
     In metres, the ends of a long chain see what none saw in training: controllers trained on 8
@@ -134,13 +139,23 @@ def body(view: View) -> list[Row]:
     far = [error, _minus(there, here)]
     return [
         *(row for vector in vectors for row in view.own(vector)),
-        *(compress(row) for vector in far for row in view.own(vector)),
+        *(row if metric else compress(row) for vector in far for row in view.own(vector)),
         units.angular_velocity / 3,
         place,
     ]
 
 
-OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {"table1": table1, "body": body}
+def anonymous(view: View) -> list[Row]:
+    """`body` without the unit's place in the chain: 21 numbers."""
+    return body(view)[:-1]
+
+
+OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
+    "table1": table1,
+    "body": body,
+    "anonymous": anonymous,
+    "metric": partial(body, metric=True),
+}
 
 
 def compress(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:

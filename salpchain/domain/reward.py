@@ -19,6 +19,22 @@ class Terms(eqx.Module):
     fine: Float[Array, ""]  # decrease of the log distance: ours, an undiscounted potential
 
 
+def own_progress(
+    before: Chain, after: Chain, target: Float[Array, "unit 2"], fine_weight: float
+) -> Float[Array, " unit"]:
+    """How much more each unit drew near to its own target point in a step than the mean unit did.
+
+    In units of the reward: approach, and the shaping of each unit, weighted. 0 in dead slots.
+    """
+
+    def potential(chain: Chain) -> Float[Array, " unit"]:
+        apart = jnp.sqrt(jnp.sum((target - chain.units.position) ** 2, axis=-1))
+        return apart + fine_weight / 2 * jnp.log1p(apart / FINE_SCALE)
+
+    gained = jnp.where(after.present, potential(before) - potential(after), 0.0)
+    return jnp.where(after.present, gained - gained.sum() / after.present.sum(), 0.0)
+
+
 class Distances(eqx.Module):
     """The potentials whose decrease is rewarded."""
 

@@ -186,9 +186,14 @@ def _play_out(
     return _put(trials, swimming, places)
 
 
-@eqx.filter_jit
-def _put(trials: Trial, some: Trial, places: Int[Array, " some"]) -> Trial:
+def _put(trials: Trial, some: Trial, places: np.ndarray) -> Trial:
     """The trials with some of them in their places."""
+    some = jax.device_put(some, NamedSharding(_mesh(len(trials.effort)), Spec()))
+    return _replace(trials, some, jnp.asarray(places))
+
+
+@jax.jit
+def _replace(trials: Trial, some: Trial, places: Int[Array, " some"]) -> Trial:
     return jax.tree.map(lambda x, new: x.at[places].set(new), trials, some)
 
 

@@ -4,7 +4,7 @@
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from salpchain.control.policy import PolicyCard
 
@@ -74,6 +74,11 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     ),
 }
 
+LAYOUTS["anonymous"] = LAYOUTS["body"][:-1]
+LAYOUTS["metric"] = tuple(
+    replace(field, unit="m") if field.unit == COMPRESSED else field for field in LAYOUTS["body"]
+)
+
 ACTIONS = {
     "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
     "pair": "two numbers for each unit, in [-1, 1]: thrust (N) = (first - second) / 2",
@@ -93,6 +98,7 @@ def metadata(card: PolicyCard) -> dict[str, str]:
         "model": card.control.model,
         "graph": card.control.graph,
         "improved": json.dumps(card.control.improved),
+        "depth": str(card.control.depth),
         "training_lengths": json.dumps(card.lengths or (card.length,)),
         "serves_units": str(card.length) if single else "any",
         "observation": card.observation,

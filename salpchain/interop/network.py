@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from salpchain.control.config import PAPER_DEPTH
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import read_arrays, write_arrays
@@ -21,7 +22,6 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 KIND, VERSION = "torch policy", 1
-HEADS = {"gatv2": (2, 1), "gt": (2, 2)}  # of the two layers
 MASKED = -torch.inf
 NEEDED = {"model", "graph", "action", "observation", "serves_units"}  # of `about`
 
@@ -48,21 +48,24 @@ class TorchPolicy(nn.Module):
             InputError: observations of another shape.
         """
         self._check_shape(obs)
-        model, layers = self.about["model"], ("trunk_first", "trunk_second")
+        model = self.about["model"]
+        depth = int(self.about.get("depth", PAPER_DEPTH))  # files of older versions do not say
         if model == "mlp":
             row = self._head(obs.flatten(-2))
             return row.unflatten(-1, (obs.shape[-2], -1)).clamp(-1, 1)
         x, sees = obs, self._sees(obs)
         if model == "gt":
             x = self._linear("trunk_entry", x)
-            for layer in ("trunk_blocks_0", "trunk_blocks_1"):
+            for layer in (f"trunk_blocks_{number}" for number in range(depth)):
                 x = x + functional.gelu(self._transformer(f"{layer}_layer", x, sees))
                 norm = self._get(f"{layer}_norm_scale"), self._get(f"{layer}_norm_shift")
                 x = functional.layer_norm(x, x.shape[-1:], *norm)
         else:
             conv = self._gcn if model == "gcn" else self._gatv2
-            x = functional.gelu(conv(layers[0], x, sees))
-            x = functional.gelu(conv(layers[1], functional.layer_norm(x, x.shape[-1:]), sees))
+            x = functional.gelu(conv("trunk_first", x, sees))
+            deeper = [f"trunk_more_{number}" for number in range(depth - 2)]
+            for layer in ("trunk_second", *deeper):
+                x = functional.gelu(conv(layer, functional.layer_norm(x, x.shape[-1:]), sees))
         return self._head(x).clamp(-1, 1)
 
     def _check_shape(self, obs: Tensor) -> None:

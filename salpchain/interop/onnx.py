@@ -6,7 +6,7 @@ from typing import Any
 from salpchain import __version__
 from salpchain.control.actor_critic import GraphActorCritic
 from salpchain.control.gt import GT
-from salpchain.control.layers import TwoLayers
+from salpchain.control.layers import Layers
 from salpchain.control.mlp import MLP
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
@@ -83,9 +83,11 @@ def _trunk(trunk: Any, x: str, graph: Seen) -> str:
             heard = build.gelu(graph_layer(block.layer, x, graph))
             x = build.layer_norm(build.op("Add", x, heard), block.norm)
         return x
-    assert isinstance(trunk, TwoLayers)
-    x = build.layer_norm(build.gelu(graph_layer(trunk.first, x, graph)))
-    return build.gelu(graph_layer(trunk.second, x, graph))
+    assert isinstance(trunk, Layers)
+    x = build.gelu(graph_layer(trunk.first, x, graph))
+    for layer in (trunk.second, *trunk.more):
+        x = build.gelu(graph_layer(layer, build.layer_norm(x), graph))
+    return x
 
 
 def _thrust(build: Builder, action: str, kind: str) -> None:

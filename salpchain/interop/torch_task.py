@@ -7,6 +7,7 @@ torch, such as the VMAS scenario.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from salpchain.domain.pose import LINK, RADIUS, SPAWN
 from salpchain.domain.reward import FINE_SCALE
@@ -110,7 +111,7 @@ def observe(name: str, chains: Chains) -> Tensor:
     return OBSERVATIONS[name](chains)
 
 
-def body(chains: Chains) -> Tensor:
+def body(chains: Chains, metric: bool = False) -> Tensor:
     """The unit's own view, 22 numbers (see domain.observation)."""
     length = chains.angle.shape[1]
     error = chains.target - chains.position
@@ -126,11 +127,12 @@ def body(chains: Chains) -> Tensor:
         mean_velocity * 5,
         beside / (spread + 0.01),
     ]
+    seen = [_own(chains.angle, v) for v in (error, far.expand_as(error))]
     place = torch.linspace(-1, 1, length, device=error.device).expand_as(chains.angle)
     return torch.cat(
         [
             *(_own(chains.angle, v) for v in vectors),
-            *(_compress(_own(chains.angle, v)) for v in (error, far.expand_as(error))),
+            *(v if metric else _compress(v) for v in seen),
             chains.angular_velocity[..., None] / 3,
             place[..., None],
         ],
@@ -163,7 +165,17 @@ def table1(chains: Chains) -> Tensor:
     )
 
 
-OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {"body": body, "table1": table1}
+def anonymous(chains: Chains) -> Tensor:
+    """`body` without the unit's place in the chain."""
+    return body(chains)[..., :-1]
+
+
+OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {
+    "body": body,
+    "table1": table1,
+    "anonymous": anonymous,
+    "metric": partial(body, metric=True),
+}
 
 
 def _own(angle: Tensor, vector: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ from salpchain.errors import InputError
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
 RATIOS = ("chain", "unit")
+CREDITS = ("chain", "unit")
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class PPOConfig:
     final_rate: float = 0.1  # share of the learning rate left at the end, linear in between
     clip: float = 0.2
     ratio: str = "chain"  # what is clipped: the chain's probability ratio, or each unit's
+    credit: str = "chain"  # what a unit's action earned: what the chain did, or its own share too
     max_grad_norm: float = 0.5
     gamma: float = 0.99
     lam: float = 0.95
@@ -41,6 +43,9 @@ class PPOConfig:
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         one_of("ratio", self.ratio, RATIOS)
+        one_of("credit", self.credit, CREDITS)
+        if self.credit == "unit" and self.ratio != "unit":
+            raise InputError(f"credit unit needs ratio unit, got ratio {self.ratio}")
         if self.batch % self.minibatch:
             raise InputError(
                 f"minibatch must divide envs x rollout = {self.batch}, got {self.minibatch}"

@@ -25,7 +25,7 @@ class Lesson(eqx.Module):
     """A sample with what was worth of it."""
 
     sample: Sample
-    advantage: Float[Array, ""]  # normalised over the rollout
+    advantage: Float[Array, " part"]  # of the chain, or of each unit; normalised over the rollout
     target: Float[Array, ""]  # of the value
 
 
@@ -43,7 +43,11 @@ class Losses(eqx.Module):
 def lessons(
     config: PPOConfig, samples: Sample, outcomes: Outcome, last_value: Float[Array, " env"]
 ) -> Lesson:
-    """Samples of a rollout with normalised advantages and value targets, axes (step, env)."""
+    """Samples of a rollout with normalised advantages and value targets, axes (step, env).
+
+    With credit for each unit, what its own progress will differ by from the mean unit's is added to
+    the chain's advantage, discounted alike and without a baseline: over a chain, it sums to zero.
+    """
     following = next_values(samples.value, last_value, outcomes.final_value, outcomes.truncated)
     gain = advantages(
         outcomes.reward,
@@ -54,10 +58,28 @@ def lessons(
         config.gamma,
         config.lam,
     )
-    mean = jax.lax.pmean(gain.mean(), AXIS)
-    deviation = jnp.sqrt(jax.lax.pmean(((gain - mean) ** 2).mean(), AXIS))
-    normal = (gain - mean) / (deviation + 1e-8)
+    parts = gain[..., None]
+    if config.credit == "unit":
+        parts = parts + own_returns(config, outcomes.own, outcomes.terminated, outcomes.truncated)
+    mean = jax.lax.pmean(parts.mean(), AXIS)
+    deviation = jnp.sqrt(jax.lax.pmean(((parts - mean) ** 2).mean(), AXIS))
+    normal = (parts - mean) / (deviation + 1e-8)
     return jax.vmap(jax.vmap(Lesson))(samples, normal, gain + samples.value)
+
+
+def own_returns(
+    config: PPOConfig,
+    own: Float[Array, "step env unit"],
+    terminated: Bool[Array, "step env"],
+    truncated: Bool[Array, "step env"],
+) -> Float[Array, "step env unit"]:
+    """Discounted sums of `Outcome.own` to the end of each episode, or of the rollout."""
+    none = jnp.zeros(own.shape[:2])
+
+    def of_unit(own: Float[Array, "step env"]) -> Float[Array, "step env"]:
+        return advantages(own, none, none, terminated, truncated, config.gamma, config.lam)
+
+    return jax.vmap(of_unit, in_axes=2, out_axes=2)(own)
 
 
 def improve(
@@ -143,7 +165,7 @@ def loss(
         mean, value = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
     change, share = changes(config.ratio, density - sample.log_prob, sample.present)
-    ratio, gain = jnp.exp(change), batch.advantage[:, None]
+    ratio, gain = jnp.exp(change), batch.advantage
     clipped = jnp.clip(ratio, 1 - config.clip, 1 + config.clip)
     surrogate = _mean(share, jnp.minimum(ratio * gain, clipped * gain))
     value_error = jnp.mean((value - batch.target) ** 2)

@@ -1,5 +1,7 @@
 """Chains that swim under the sampled policy, and what PPO needs to know of it."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,7 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.control.actor_critic import ActorCritic
-from salpchain.domain.reward import Terms
+from salpchain.domain.reward import Terms, own_progress
 from salpchain.domain.scld import SCLD, DrawLength, State, renew_done
 from salpchain.training.devices import AXIS
 
@@ -27,6 +29,7 @@ class Outcome(eqx.Module):
     """What a step gave."""
 
     reward: Float[Array, ""]
+    own: Float[Array, " unit"]  # what each unit's own progress differs by from the mean unit's
     terms: Terms
     terminated: Bool[Array, ""]
     truncated: Bool[Array, ""]
@@ -57,16 +60,17 @@ def collect(
         keys = jax.vmap(jr.fold_in, (None, 0))(key, numbers)
         sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, keys)
         after = jax.vmap(env.step)(states, sample.action)
-        outcome = jax.vmap(_outcome)(after, _final_value(policy, after))
+        outcome = jax.vmap(partial(_outcome, env))(states, after, _final_value(policy, after))
         return renew_done(env, after, draw_length), (sample, outcome)
 
     states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
     return states, samples, outcomes
 
 
-def _outcome(after: State, final_value: Float[Array, ""]) -> Outcome:
+def _outcome(env: SCLD, before: State, after: State, final_value: Float[Array, ""]) -> Outcome:
     return Outcome(
         reward=after.reward,
+        own=own_progress(before.chain, after.chain, after.target, env.config.fine_weight),
         terms=after.terms,
         terminated=after.terminated,
         truncated=after.truncated & ~after.terminated,

@@ -9,7 +9,7 @@ import pytest
 
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
-from salpchain.control.graph import full, mixed, of_adjacency
+from salpchain.control.graph import REACH, full, mixed, near, of_adjacency
 from salpchain.control.layers import (
     Linear,
     gatv2_conv,
@@ -33,6 +33,11 @@ def chain_graph(joined):
     return sees | np.diag(side, 1) | np.diag(side, -1)
 
 
+def near_graph(joined):
+    steps = chain_graph(joined).astype(int)
+    return np.linalg.matrix_power(steps, REACH) > 0
+
+
 def random_graph(seed):
     sees = np.random.default_rng(seed).random((SLOTS, SLOTS)) < 0.4
     return (sees | np.eye(SLOTS, dtype=bool)) & ALIVE & ALIVE[:, None]
@@ -47,6 +52,8 @@ GRAPHS = {
     "mixed": (mixed(PRESENT, BOTH), chain_graph(WHOLE)),
     "mixed, cut": (mixed(PRESENT, BOTH & CUT), chain_graph(CUT)),
     "full": (full(PRESENT, BOTH), ALIVE[:, None] & ALIVE),
+    "near": (near(PRESENT, BOTH), near_graph(WHOLE)),
+    "near, cut": (near(PRESENT, BOTH & CUT), near_graph(CUT)),
     "random": (of_adjacency(jnp.asarray(random_graph(0))), random_graph(0)),
     "another": (of_adjacency(jnp.asarray(random_graph(1))), random_graph(1)),
 }

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
+from salpchain.control.config import GRAPH_NAMES, ControlConfig
 from salpchain.control.count import num_parameters
-from salpchain.control.graph import full, mixed, of_adjacency
+from salpchain.control.graph import full, hub, mixed, near, of_adjacency
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
@@ -25,8 +25,9 @@ def all_of(units):
 
 
 @cache
-def network(model="gcn", graph="mixed", shake=0.01):
-    return shaken(actor_critic(jr.key(0), ControlConfig(model=model, graph=graph), 24, 2, 8), shake)
+def network(model="gcn", graph="mixed", shake=0.01, depth=2):
+    config = ControlConfig(model=model, graph=graph, depth=depth)
+    return shaken(actor_critic(jr.key(0), config, 24, 2, 8), shake)
 
 
 def shaken(policy, by=0.1):
@@ -43,7 +44,7 @@ call = eqx.filter_jit(lambda policy, *given: policy(*given))
 act = eqx.filter_jit(lambda policy, *given: policy.act(*given))
 
 models = pytest.mark.parametrize("model", ["gcn", "gatv2", "gt"])
-graphs = pytest.mark.parametrize("graph", ["mixed", "full"])
+graphs = pytest.mark.parametrize("graph", GRAPH_NAMES)
 
 
 @pytest.mark.parametrize(
@@ -53,8 +54,11 @@ def test_the_parameter_counts_are_the_papers(model, count):
     assert num_parameters(model, 24, 8) == count
 
 
-@pytest.mark.parametrize(("graph", "edges"), [(mixed, 8 + 2 * 7), (full, 64)])
-def test_the_graphs_have_the_papers_numbers_of_edges(graph, edges):
+@pytest.mark.parametrize(
+    ("graph", "edges"),
+    [(mixed, 8 + 2 * 7), (full, 64), (near, 8 + 2 * (7 + 6 + 5 + 4)), (hub, 9 + 2 * (7 + 8))],
+)
+def test_the_graphs_have_as_many_edges_as_they_should(graph, edges):
     assert int(graph(*all_of(8)).degree().sum()) == edges
 
 
@@ -68,8 +72,17 @@ def test_on_mixed_a_unit_hears_of_units_up_to_two_links_away_and_no_farther(mode
 
 
 @models
-def test_on_full_every_unit_hears_every_unit(model):
-    policy, obs = network(model, "full"), observed(9)
+def test_each_layer_more_lets_a_unit_hear_one_link_farther(model):
+    policy, obs = network(model, depth=4), observed(13)
+    moved = act(policy, obs.at[6].add(3.0), *all_of(13)) - act(policy, obs, *all_of(13))
+    changed = np.asarray(moved).any(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(changed), range(2, 11))
+
+
+@pytest.mark.parametrize("graph", ["full", "hub"])
+@models
+def test_on_full_and_through_a_hub_every_unit_hears_every_unit(model, graph):
+    policy, obs = network(model, graph), observed(9)
     moved = act(policy, obs.at[4].add(1.0), *all_of(9)) - act(policy, obs, *all_of(9))
     assert (np.abs(np.asarray(moved)).max(axis=1) > 1e-7).all()
 
@@ -88,6 +101,16 @@ def test_the_two_units_of_a_pair_act_alike_unless_a_unit_counts_twice_for_itself
     np.testing.assert_allclose(alike[0], alike[1], atol=1e-6)
     unlike = act(shaken(actor_critic(jr.key(0), config, 24, 2, 8)), *pair)
     assert np.abs(unlike[0] - unlike[1]).max() > 1e-2
+
+
+def test_a_depth_that_cannot_be_is_refused():
+    for config, message in (
+        ({"depth": 1}, "depth must be 2 to 8 layers, got 1"),
+        ({"depth": 9}, "depth must be 2 to 8 layers, got 9"),
+        ({"model": "mlp", "depth": 3}, "an mlp has no graph layers: leave depth at 2"),
+    ):
+        with pytest.raises(InputError, match=message):
+            ControlConfig(**config)
 
 
 def test_improved_belongs_to_gcn():

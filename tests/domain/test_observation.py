@@ -102,14 +102,14 @@ def test_table1_does_depend_on_the_origin():
     assert np.abs(observe("table1", chain, target, state.force) - state.obs).max() > 1
 
 
-@pytest.mark.parametrize("name", ["table1", "body"])
+@pytest.mark.parametrize("name", OBSERVATION_SIZES)
 def test_a_chain_in_more_slots_observes_what_it_observes_alone_and_dead_slots_nothing(name):
     alone, slotted = swum(5, observation=name), swum(5, slots=9, observation=name)
     np.testing.assert_allclose(slotted.obs[:5], alone.obs, atol=5e-5)
     assert not np.asarray(slotted.obs[5:]).any()
 
 
-@pytest.mark.parametrize("name", ["table1", "body"])
+@pytest.mark.parametrize("name", OBSERVATION_SIZES)
 def test_a_batch_observes_what_each_chain_observes_alone(name):
     states = [swum(6, observation=name, seed=seed) for seed in range(3)]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *states)
@@ -132,3 +132,16 @@ def test_body_keeps_far_targets_in_the_range_of_near_ones():
     state = swum(8)
     far = observe("body", state.chain, state.target + 50.0, state.force)
     assert np.abs(far).max() < 8
+
+
+def test_variants_of_body_leave_the_place_out_or_give_what_is_far_in_metres():
+    state = swum(8)
+    seen = (state.chain, state.target, state.force)
+    body, anonymous, metric = (observe(name, *seen) for name in ("body", "anonymous", "metric"))
+    np.testing.assert_array_equal(anonymous, body[:, :-1])
+    np.testing.assert_allclose(body[:, -1], np.linspace(-1, 1, 8), atol=1e-6)
+    far = slice(16, 20)
+    np.testing.assert_array_equal(np.delete(metric, far, axis=1), np.delete(body, far, axis=1))
+    error = np.asarray(state.target - state.chain.units.position)
+    apart = np.linalg.norm(np.asarray(metric[:, 16:18]), axis=1)
+    np.testing.assert_allclose(apart, np.linalg.norm(error, axis=1), rtol=1e-5)

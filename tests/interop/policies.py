@@ -9,10 +9,8 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 
 
-def fresh(
-    model="gcn", graph="mixed", observation="body", action="thrust", length=8, improved=False
-):
-    control = ControlConfig(model=model, graph=graph, improved=improved)
+def fresh(model="gcn", graph="mixed", observation="body", action="thrust", length=8, **settings):
+    control = ControlConfig(model=model, graph=graph, **settings)
     card = PolicyCard(name=f"{model}-{graph}", control=control, observation=observation,
                       action=action, length=length, lengths=(length,))  # fmt: skip
     sizes = OBSERVATION_SIZES[observation], ACTION_SIZES[action]

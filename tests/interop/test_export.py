@@ -35,9 +35,9 @@ def folder(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("model", "graph", "improved"), [*KINDS, ("mlp", "mixed", False)])
-def test_the_torch_module_acts_as_jax_does(model, graph, improved, tmp_path):
-    policy = fresh(model, graph, action="pair", length=5, improved=improved)
+@pytest.mark.parametrize(("model", "graph", "settings"), [*KINDS, ("mlp", "mixed", {})])
+def test_the_torch_module_acts_as_jax_does(model, graph, settings, tmp_path):
+    policy = fresh(model, graph, action="pair", length=5, **settings)
     save_policy(policy, tmp_path / "policy.safetensors")
     out = tmp_path / "out.safetensors"
     assert run(["export", str(tmp_path), "--format", "torch", "--out", str(out)]) == 0
@@ -46,6 +46,14 @@ def test_the_torch_module_acts_as_jax_does(model, graph, improved, tmp_path):
     np.testing.assert_allclose(module(torch.from_numpy(obs)), expected, atol=1e-5)
     pushed = module.thrust(torch.from_numpy(obs))
     np.testing.assert_allclose(pushed, (expected[..., 0] - expected[..., 1]) / 2, atol=1e-5)
+
+
+def test_a_policy_on_a_graph_that_no_export_knows_is_refused(tmp_path, capsys):
+    save_policy(fresh(graph="hub"), tmp_path / "policy.safetensors")
+    assert (
+        run(["export", str(tmp_path), "--format", "onnx", "--out", str(tmp_path / "x.onnx")]) == 2
+    )
+    assert "can export graphs mixed and full, got hub" in capsys.readouterr().err
 
 
 def test_the_torch_module_needs_no_jax(folder):

@@ -8,10 +8,20 @@ import scipy.stats
 
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
+from salpchain.domain.config import TaskConfig
+from salpchain.domain.reward import own_progress
+from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.training.config import PPOConfig
 from salpchain.training.journal import NotFiniteError
-from salpchain.training.ppo import Lesson, entropy, entropy_weight, loss, optimiser
+from salpchain.training.ppo import (
+    Lesson,
+    entropy,
+    entropy_weight,
+    loss,
+    optimiser,
+    own_returns,
+)
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs
 from salpchain.training.trainer import train
@@ -26,7 +36,7 @@ def batch_of(policy, size=6, units=4, inputs=5):
     action = mean + 0.3 * jr.normal(keys[1], mean.shape)
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
     sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
-    return jax.vmap(Lesson)(sample, jr.normal(keys[2], (size,)), value + 1.0)
+    return jax.vmap(Lesson)(sample, jr.normal(keys[2], (size, 1)), value + 1.0)
 
 
 @pytest.fixture
@@ -58,7 +68,7 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
         sample = batch.sample
         mean, _ = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
         density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
-        return -(density.sum(axis=1) * batch.advantage).mean()
+        return -(density.sum(axis=1) * batch.advantage[:, 0]).mean()
 
     ours = jax.grad(lambda p: loss(p, config, batch, 0.0)[0])(policy)
     for one, other in zip(
@@ -69,7 +79,7 @@ def test_at_the_old_policy_the_gradient_is_the_plain_policy_gradient(policy):
 
 def test_a_ratio_far_outside_the_clip_range_has_no_gradient(policy):
     batch = batch_of(policy)
-    old = batch.sample.log_prob - jnp.sign(batch.advantage)[:, None]
+    old = batch.sample.log_prob - jnp.sign(batch.advantage)
     far = eqx.tree_at(lambda b: b.sample.log_prob, batch, old)
     config = PPOConfig(value_weight=0.0, entropy=0.0)
     gradient = jax.grad(lambda p: loss(p, config, far, 0.0)[0])(policy)
@@ -84,6 +94,48 @@ def test_the_weight_of_the_entropy_falls_linearly_to_its_final_share(policy):
     slope = lambda weight: jax.grad(lambda p: loss(p, config, batch, weight)[0])(policy).log_std  # noqa: E731
     present = float(batch.sample.present.sum(axis=1).mean())
     np.testing.assert_allclose(slope(0.5) - slope(0.0), -0.5 * present, rtol=1e-4)
+
+
+def test_own_returns_are_discounted_sums_to_the_end_of_the_episode():
+    config = PPOConfig(ratio="unit", credit="unit", gamma=0.9, lam=0.5)
+    own = jnp.array([[[1.0, -1.0]], [[2.0, -2.0]], [[4.0, -4.0]]])  # (step, env, unit)
+    no = jnp.zeros((3, 1), bool)
+    ended = no.at[1].set(True)
+    for ends in ((ended, no), (no, ended)):
+        gained = np.asarray(own_returns(config, own, *ends))[:, 0]
+        fall = 0.9 * 0.5
+        np.testing.assert_allclose(gained[:, 0], [1 + fall * 2, 2, 4], rtol=1e-6)
+        np.testing.assert_allclose(gained.sum(axis=1), 0, atol=1e-6)
+
+
+def test_own_progress_is_that_beyond_the_mean_units_and_of_present_units_alone():
+    state = SCLD(TaskConfig(length=5)).reset(jr.key(0), 4)
+    moved = state.target.at[0].add(jnp.array([1.0, 0.0]))
+    units = eqx.tree_at(lambda c: c.units.position, state.chain, moved)
+    nearer = eqx.tree_at(lambda c: c.units.position, units, moved.at[0].add(jnp.array([-0.6, 0.0])))
+    plain = np.asarray(own_progress(units, nearer, state.target, 0.0))
+    np.testing.assert_allclose(plain, [0.6 - 0.15, -0.15, -0.15, -0.15, 0], atol=1e-5)
+    fine = np.asarray(own_progress(units, nearer, state.target, 2.0)) - plain
+    gained = np.log(1 + 1 / 0.05) - np.log(1 + 0.4 / 0.05)
+    np.testing.assert_allclose(fine, gained * np.array([0.75, -0.25, -0.25, -0.25, 0]), atol=1e-5)
+
+
+def test_credit_for_each_unit_needs_a_ratio_for_each():
+    with pytest.raises(InputError, match="credit unit needs ratio unit, got ratio chain"):
+        PPOConfig(credit="unit")
+
+
+def test_a_unit_with_credit_of_its_own_is_taught_by_its_own_advantage(policy):
+    batch = batch_of(policy)
+    config = PPOConfig(ratio="unit", credit="unit", value_weight=0.0)
+    mine = jnp.zeros((6, 4)).at[:, 1].set(1.0)
+    taught = eqx.tree_at(lambda b: b.advantage, batch, mine)
+
+    def taught_by(log_prob):
+        return loss(policy, config, eqx.tree_at(lambda b: b.sample.log_prob, taught, log_prob), 0.0)
+
+    slope = jax.grad(lambda x: taught_by(x)[0])(batch.sample.log_prob)
+    assert np.asarray(slope[:, 1]).all() and not np.asarray(slope[:, [0, 2, 3]]).any()
 
 
 def test_the_learning_rate_falls_linearly_to_its_final_share():
