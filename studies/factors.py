@@ -1,23 +1,29 @@
 """What makes a controller general? One factor at a time: python -m studies.factors OUT [SEEDS]
 
 Trains each variant with each seed (default 3) for the same number of steps, tests it unchanged at
-lengths from 2 to 64, and writes OUT/VARIANT/seed-S/ (settings, log, evaluation), OUT/factors.csv
-and OUT/report.md. What is there is kept: stopped, it goes on. Weights are not needed afterwards.
+lengths from 2 to 64, and writes OUT/VARIANT/seed-S/ (settings, log, evaluation), OUT/factors.csv,
+OUT/factors.png and OUT/report.md. What is there is kept: stopped, it goes on. Weights are not
+needed afterwards.
 """
 
+import io
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from salpchain.control.storage import load
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.config import TRIALS_FILE
 from salpchain.evaluation.evaluate import evaluate
-from salpchain.files import write_text
+from salpchain.files import write_bytes, write_text
+from salpchain.report.figures import STYLE
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.trainer import resume, train
@@ -29,6 +35,7 @@ TRIALS = 100
 SEED = 4000  # of the starts that judge (chosen)
 LIMIT = "scaled"
 ALL = tuple(range(2, 17))  # units
+COLOURED = 30  # points of gain or loss with the strongest colour
 
 
 def variant(lengths: tuple[int, ...] = ALL, **changes: dict[str, Any]) -> TrainConfig:
@@ -99,6 +106,7 @@ def write_report(out: Path) -> None:
     table = pd.DataFrame(rows)
     write_text(out / "factors.csv", table.to_csv(index=False))
     write_text(out / "report.md", as_markdown(table))
+    write_bytes(out / "factors.png", as_picture(table))
 
 
 def as_markdown(table: pd.DataFrame) -> str:
@@ -118,6 +126,29 @@ def as_markdown(table: pd.DataFrame) -> str:
                  for _, row in by_length.iterrows()]  # fmt: skip
         lines.append(f"| {name} | {frame.seed.nunique()} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def as_picture(table: pd.DataFrame) -> bytes:
+    """PNG: success in percent of each variant at each length, coloured by its gain on base."""
+    success = 100 * table.groupby(["variant", "length"]).success.mean().unstack()
+    success = success.loc[[name for name in VARIANTS if name in success.index]]
+    gain = success - success.loc["base"]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(7.5, 1.2 + 0.32 * len(success)), layout="constrained")
+        panel = figure.subplots()
+        image = panel.imshow(gain, cmap="RdBu", vmin=-COLOURED, vmax=COLOURED, aspect="auto")
+        for (row, column), value in np.ndenumerate(success.to_numpy()):
+            strong = abs(gain.iat[row, column]) > 0.7 * COLOURED
+            colour = "white" if strong else "black"
+            panel.text(column, row, f"{value:.0f}", ha="center", va="center", color=colour)
+        panel.set_xticks(range(success.shape[1]), [f"{length}" for length in success.columns])
+        panel.set_yticks(range(len(success)), success.index)
+        panel.set_xlabel("units")
+        panel.set_title("success in percent, mean over seeds")
+        figure.colorbar(image, label="points more than base", extend="both")
+        content = io.BytesIO()
+        figure.savefig(content, format="png")
+    return content.getvalue()
 
 
 def main() -> None:

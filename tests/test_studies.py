@@ -52,6 +52,7 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
     for _ in range(2):
         factors.study(tmp_path, 2)
     assert done == [(name, seed) for seed in (0, 1) for name in ("base", "no-entropy")]
+    assert (tmp_path / "factors.png").read_bytes().startswith(b"\x89PNG")
     assert (
         "| no entropy | 2 | 50 (50 to 50) | 100 (100 to 100) |"
         in (tmp_path / "report.md").read_text()
