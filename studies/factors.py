@@ -49,6 +49,7 @@ def variant(lengths: tuple[int, ...] = ALL, **changes: dict[str, Any]) -> TrainC
 VARIANTS: dict[str, TrainConfig] = {
     "base": variant(),
     "observation table1": variant(task={"observation": "table1"}),
+    "sees who is near": variant(task={"observation": "proximity"}),
     "no place in the chain": variant(task={"observation": "anonymous"}),
     "far distances in metres": variant(task={"observation": "metric"}),
     "graph full": variant(control={"graph": "full"}),

@@ -36,8 +36,9 @@ class Train:
     """Who listens to whom: mixed (itself and its neighbours; default), full (everyone), near (up to
     4 links away) or hub (neighbours, and a summary of the chain)."""
     observation: Name = ""
-    """body (a unit's own view; quick), table1 (the paper's 24 numbers; paper), anonymous (body
-    without the place in the chain) or metric (body with what is far in metres)."""
+    """body (a unit's own view; quick), table1 (the paper's 24 numbers; paper), proximity (body
+    and the nearest unit that is no neighbour), anonymous (body without the place in the chain) or
+    metric (body with what is far in metres)."""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""

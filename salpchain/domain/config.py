@@ -8,7 +8,13 @@ from salpchain.errors import InputError
 SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
-OBSERVATION_SIZES: dict[str, int] = {"body": 22, "table1": 24, "anonymous": 21, "metric": 22}
+OBSERVATION_SIZES: dict[str, int] = {
+    "body": 22,
+    "table1": 24,
+    "proximity": 24,
+    "anonymous": 21,
+    "metric": 22,
+}
 GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)
 STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit

@@ -17,6 +17,8 @@ from salpchain.physics.batching import over_the_batch
 from salpchain.physics.chain import Chain, wrap
 from salpchain.xla import once
 
+SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
+
 Row = Array  # (unit,) or (unit, batch)
 Pair = tuple[Row, Row]  # x and y
 
@@ -82,6 +84,24 @@ class View:
         following = tuple(jnp.concatenate([step, none]) for step in steps)
         return previous, following  # type: ignore[return-value]
 
+    def nearest(self) -> Pair:
+        """From each unit to the nearest that is no neighbour, shorter the farther it is.
+
+        1 - distance / `SENSED` long: nothing from `SENSED` on.
+        """
+        present, slot = self.chain.present, _indices(self.chain.units.angle)
+        joined = jnp.concatenate([self.chain.joined, jnp.zeros_like(present[:1])])
+        follows = (slot == slot[:, None] + 1) & joined[:, None]
+        precedes = (slot + 1 == slot[:, None]) & joined
+        other = present & present[:, None] & (slot != slot[:, None]) & ~follows & ~precedes
+        x, y = (row - row[:, None] for row in self.position)
+        square = jnp.where(other, x**2 + y**2, jnp.inf)
+        least = square.min(axis=1)
+        chosen = jnp.where(other & (square <= least[:, None]), 1.0, 0.0)
+        apart = jnp.maximum(jnp.sqrt(least), 1e-6)
+        share = jnp.maximum(1 / apart - 1 / SENSED, 0.0) / jnp.maximum(chosen.sum(axis=1), 1)
+        return (chosen * x).sum(axis=1) * share, (chosen * y).sum(axis=1) * share
+
     def bearing(self, vector: Pair) -> Row:
         """Angle of a neighbour from the unit's own angle (rad, wrapped); 0 where there is none."""
         x, y = vector
@@ -145,6 +165,14 @@ def body(view: View, metric: bool = False) -> list[Row]:
     ]
 
 
+def proximity(view: View) -> list[Row]:
+    """`body`, and the direction to the nearest unit that is no neighbour, 2 long at contact.
+
+    What a proximity sensor tells; without, units pressed against each other cannot know it.
+    """
+    return [*body(view), *view.own(_times(view.nearest(), 2.0))]
+
+
 def anonymous(view: View) -> list[Row]:
     """`body` without the unit's place in the chain: 21 numbers."""
     return body(view)[:-1]
@@ -153,6 +181,7 @@ def anonymous(view: View) -> list[Row]:
 OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
     "table1": table1,
     "body": body,
+    "proximity": proximity,
     "anonymous": anonymous,
     "metric": partial(body, metric=True),
 }

@@ -32,6 +32,7 @@ def _vectors(frame: str, *named: tuple[str, str]) -> tuple[Field, ...]:
 
 
 COMPRESSED = "sign(x) log(1 + 5 |x|) of metres"
+PROXIMITY = "2 (1 - distance / 0.2 m), 0 from 0.2 m on"
 SPREAD = "of the root mean square distance of units to their centroid + 0.01 m"
 
 LAYOUTS: dict[str, tuple[Field, ...]] = {
@@ -74,6 +75,10 @@ LAYOUTS: dict[str, tuple[Field, ...]] = {
     ),
 }
 
+LAYOUTS["proximity"] = (
+    *LAYOUTS["body"],
+    *_vector("direction to the nearest unit that is no neighbour", PROXIMITY, UNIT_AXES),
+)
 LAYOUTS["anonymous"] = LAYOUTS["body"][:-1]
 LAYOUTS["metric"] = tuple(
     replace(field, unit="m") if field.unit == COMPRESSED else field for field in LAYOUTS["body"]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
+from salpchain.domain.observation import SENSED
 from salpchain.domain.pose import LINK, RADIUS, SPAWN
 from salpchain.domain.reward import FINE_SCALE
 from salpchain.interop.extras import need
@@ -165,6 +166,21 @@ def table1(chains: Chains) -> Tensor:
     )
 
 
+def proximity(chains: Chains) -> Tensor:
+    """`body`, and the nearest unit that is no neighbour (see domain.observation)."""
+    position, length = chains.position, chains.angle.shape[1]
+    slot = torch.arange(length, device=position.device)
+    offset = position[:, None] - position[:, :, None]
+    apart = torch.linalg.vector_norm(offset, dim=-1)
+    apart = torch.where((slot[:, None] - slot).abs() > 1, apart, math.inf)
+    least = apart.amin(dim=2, keepdim=True)
+    chosen = (apart == least) & torch.isfinite(apart)
+    share = (1 / least.clamp(min=1e-6) - 1 / SENSED).clamp(min=0)
+    share = share / chosen.sum(dim=2, keepdim=True).clamp(min=1)
+    vector = 2 * share * (chosen[..., None] * offset).sum(dim=2)
+    return torch.cat([body(chains), _own(chains.angle, vector)], dim=-1)
+
+
 def anonymous(chains: Chains) -> Tensor:
     """`body` without the unit's place in the chain."""
     return body(chains)[..., :-1]
@@ -173,6 +189,7 @@ def anonymous(chains: Chains) -> Tensor:
 OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {
     "body": body,
     "table1": table1,
+    "proximity": proximity,
     "anonymous": anonymous,
     "metric": partial(body, metric=True),
 }

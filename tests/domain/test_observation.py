@@ -145,3 +145,41 @@ def test_variants_of_body_leave_the_place_out_or_give_what_is_far_in_metres():
     error = np.asarray(state.target - state.chain.units.position)
     apart = np.linalg.norm(np.asarray(metric[:, 16:18]), axis=1)
     np.testing.assert_allclose(apart, np.linalg.norm(error, axis=1), rtol=1e-5)
+
+
+def nearest_by_hand(points, joined, i):
+    """Of unit i, in world axes, one pair at a time."""
+
+    def neighbour(j):
+        return abs(i - j) == 1 and joined[min(i, j)]
+
+    others = [j for j in range(len(points)) if j != i and not neighbour(j)]
+    if not others:
+        return np.zeros(2)
+    offsets = [points[j] - points[i] for j in others]
+    offset = min(offsets, key=np.linalg.norm)
+    apart = np.linalg.norm(offset)
+    return offset / apart * 2 * max(0.0, 1 - apart / 0.2)
+
+
+@pytest.mark.parametrize("cut", [None, 3])
+def test_proximity_is_body_and_what_a_naive_search_finds_nearest(cut):
+    state = swum(9, observation="proximity", steps=60)
+    linked = np.ones(8, bool)
+    if cut is not None:
+        linked[cut] = False
+    chain = eqx.tree_at(lambda c: c.linked, state.chain, jnp.asarray(linked))
+    seen = observe("proximity", chain, state.target, state.force)
+    body = observe("body", chain, state.target, state.force)
+    np.testing.assert_allclose(seen[:, :22], body, atol=1e-6)
+    points, angle = np.asarray(chain.units.position), np.asarray(chain.units.angle)
+    for i in range(9):
+        x, y = nearest_by_hand(points, linked, i)
+        cosine, sine = np.cos(angle[i]), np.sin(angle[i])
+        expected = [cosine * x + sine * y, cosine * y - sine * x]
+        np.testing.assert_allclose(seen[i, 22:], expected, atol=1e-4)
+    assert np.abs(seen[:, 22:]).max() > 0.1
+
+
+def test_a_pair_has_no_unit_but_neighbours_to_be_near():
+    assert not np.asarray(swum(2, slots=4, observation="proximity").obs[:, 22:]).any()

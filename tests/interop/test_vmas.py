@@ -1,5 +1,7 @@
 """The VMAS scenario against our own engine, in the real VMAS."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,9 @@ import torch
 import vmas
 from torchrl.envs import check_env_specs
 
+from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.domain.frechet import frechet_distance
+from salpchain.domain.observation import observe
 from salpchain.domain.reward import distances, reached, reward_terms
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
@@ -107,6 +111,18 @@ def test_observations_rewards_and_dones_are_ours_on_the_same_states(observation,
         assert not truncated.any()
         dones |= terminated.numpy()
     assert dones[2] and not dones.all() and dones[1] == fence
+
+
+def test_every_observation_is_ours_on_the_same_states():
+    env = environment(envs=3)
+    for push in pushes(np.random.default_rng(1), env, 30):
+        env.step([torch.tensor(p) for p in push])
+    chains = env.scenario.chains()
+    target, force = jnp.asarray(chains.target.numpy()), jnp.asarray(chains.force.numpy())
+    for name in OBSERVATION_SIZES:
+        expected = jax.vmap(partial(observe, name))(ours(env), target, force)
+        np.testing.assert_allclose(torch_task.observe(name, chains), expected, atol=1e-4)
+    assert np.abs(expected).max() > 0.1
 
 
 def test_the_frechet_distance_is_ours():
