@@ -17,6 +17,7 @@ import numpy as np
 import onnxruntime
 
 LINK = 0.07  # m, between neighbouring units
+SENSED = 0.2  # m, as far as `proximity` senses other units
 POSES = ("position", "angle", "velocity", "angular velocity", "target")
 
 
@@ -48,6 +49,28 @@ def body_observation(
     return np.stack([*own, angular_velocity / 3, place], axis=1).astype(np.float32)
 
 
+def proximity_observation(*poses: np.ndarray) -> np.ndarray:
+    """The observation `proximity`, (n, 24): `body`, and the nearest unit that is no neighbour."""
+    position, angle = poses[0], poses[1]
+    near, along, heading = nearest(position), np.cos(angle), np.sin(angle)
+    own = along * near[:, 0] + heading * near[:, 1], along * near[:, 1] - heading * near[:, 0]
+    return np.column_stack([body_observation(*poses), *own]).astype(np.float32)
+
+
+OBSERVATIONS = {"body": body_observation, "proximity": proximity_observation}
+
+
+def nearest(position: np.ndarray) -> np.ndarray:
+    """Direction to each unit's nearest that is no neighbour, (n, 2): 2 (1 - distance / 0.2 m)."""
+    offset = position - position[:, None]
+    apart, unit = np.hypot(offset[..., 0], offset[..., 1]), np.arange(len(position))
+    apart[np.abs(unit[:, None] - unit) <= 1] = np.inf
+    which = apart.argmin(axis=1)
+    least = apart[unit, which][:, None]
+    length = 2 * np.maximum(0.0, 1 - least / SENSED)
+    return np.where(length > 0, offset[unit, which] / np.maximum(least, 1e-6) * length, 0.0)
+
+
 def neighbours(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From each point to the previous and to the next, in links; zero at the ends."""
     steps, none = np.diff(points, axis=0) / LINK, np.zeros((1, 2))
@@ -58,7 +81,7 @@ def thrusts(session: Any, *poses: np.ndarray) -> np.ndarray:
     """Thrust (n,) in newton of every unit along its heading, for the next 0.1 s.
 
     Args:
-        session: of onnxruntime, of a policy whose observation is `body`.
+        session: of onnxruntime, of a policy whose observation is one of `OBSERVATIONS`.
         *poses: what `body_observation` takes.
 
     Raises:
@@ -69,19 +92,21 @@ def thrusts(session: Any, *poses: np.ndarray) -> np.ndarray:
     for what, given, shape in zip(POSES, poses, ((2,), (), (2,), (), (2,)), strict=True):
         if np.shape(given) != (units, *shape) or not np.isfinite(given).all():
             raise ValueError(f"{what} must be {(units, *shape)} finite numbers, got {given}")
-    return session.run(["thrust"], {"observation": body_observation(*poses)[None]})[0][0]
+    observe = OBSERVATIONS[session.get_modelmeta().custom_metadata_map["observation"]]
+    return session.run(["thrust"], {"observation": observe(*poses)[None]})[0][0]
 
 
 def opened(path: str, units: int) -> Any:
-    """The session of onnxruntime for a policy that sees `body` and can steer so many units.
+    """The session of onnxruntime for a policy of `OBSERVATIONS` that can steer so many units.
 
     Raises:
         ValueError: the file is of another policy.
     """
     session = onnxruntime.InferenceSession(path)
     about = session.get_modelmeta().custom_metadata_map
-    if about.get("observation") != "body":
-        raise ValueError(f"{path} must be of a policy that sees body, not {about}")
+    if about.get("observation") not in OBSERVATIONS:
+        known = " or ".join(OBSERVATIONS)
+        raise ValueError(f"{path} must be of a policy that sees {known}, not {about}")
     if about["serves_units"] not in ("any", str(units)):
         raise ValueError(f"{path} steers {about['serves_units']} units, the robot has {units}")
     return session

@@ -37,8 +37,8 @@ class Train:
     4 links away) or hub (neighbours, and a summary of the chain)."""
     observation: Name = ""
     """body (a unit's own view; quick), table1 (the paper's 24 numbers; paper), proximity (body
-    and the nearest unit that is no neighbour), anonymous (body without the place in the chain) or
-    metric (body with what is far in metres)."""
+    and the nearest unit that is no neighbour), anonymous (that without the place in the chain) or
+    metric (that with what is far in metres)."""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""

@@ -9,6 +9,7 @@ MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
 SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
 PAPER_GRAPHS: tuple[str, ...] = ("mixed", "full")
 GRAPH_NAMES: tuple[str, ...] = (*PAPER_GRAPHS, "near", "hub")
+REACH = 4  # links that a unit hears far on `near` (chosen)
 PAPER_DEPTH, DEEPEST = 2, 8  # graph layers
 
 

@@ -8,13 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
+from salpchain.control.config import REACH
 from salpchain.errors import InputError
 
 Heads = Float[Array, "unit *head feature"]
 Scores = Float[Array, "unit seen *head"]
 Compare = Callable[[Array, Array], Array]  # (..., feature), twice, to (...)
-
-REACH = 4  # links that a unit hears far on `near` (chosen)
 
 
 @runtime_checkable

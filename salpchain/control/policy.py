@@ -12,6 +12,7 @@ from salpchain.control.graph import Graph
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
+    TaskConfig,
     check_length,
     one_of,
 )
@@ -51,6 +52,15 @@ class PolicyCard:
                 f"{self.name} is an {self.control.model} and works at {self.length} units only,"
                 f" got length {length}"
             )
+
+    def task(self, length: int, **settings: Any) -> TaskConfig:
+        """The task at this length, with the observation and action that the policy speaks.
+
+        Raises:
+            InputError: the policy cannot serve this length, or a setting that cannot be.
+        """
+        self.check_serves(check_length(length))
+        return TaskConfig(length, self.observation, self.action, **settings)
 
     def as_dict(self) -> dict[str, object]:
         """The card as plain JSON values."""
@@ -106,8 +116,14 @@ class Policy(eqx.Module):
         """Mean actions; on another graph than the policy's own if one is given.
 
         Raises:
-            InputError: a graph of another size than the chain, or for a policy that has none.
+            InputError: a state with another observation than the policy's; a graph of another size
+                than the chain, or for a policy that has none.
         """
+        if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
+            raise InputError(
+                f"{self.card.name} observes {self.card.observation}, the state has"
+                f" {state.obs.shape[-1]} numbers for each unit: make it with card.task(length)"
+            )
         if graph is not None:
             self._check_graph(graph, slots=state.chain.present.shape[0])
         return self.network.act(state.obs, state.chain.present, state.chain.joined, graph)
@@ -115,6 +131,5 @@ class Policy(eqx.Module):
     def _check_graph(self, graph: Graph, slots: int) -> None:
         if self.card.control.model in SINGLE_LENGTH:
             raise InputError(f"an {self.card.control.model} has no graph: give none")
-        nodes = graph.degree().shape[0]
-        if nodes != slots:
-            raise InputError(f"the graph has {nodes} nodes, the chain {slots} slots")
+        if graph.nodes != slots:
+            raise InputError(f"the graph has {graph.nodes} nodes, the chain {slots} slots")

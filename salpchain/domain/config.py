@@ -12,8 +12,8 @@ OBSERVATION_SIZES: dict[str, int] = {
     "body": 22,
     "table1": 24,
     "proximity": 24,
-    "anonymous": 21,
-    "metric": 22,
+    "anonymous": 23,
+    "metric": 24,
 }
 GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)

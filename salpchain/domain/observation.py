@@ -165,17 +165,18 @@ def body(view: View, metric: bool = False) -> list[Row]:
     ]
 
 
-def proximity(view: View) -> list[Row]:
+def proximity(view: View, metric: bool = False) -> list[Row]:
     """`body`, and the direction to the nearest unit that is no neighbour, 2 long at contact.
 
     What a proximity sensor tells; without, units pressed against each other cannot know it.
     """
-    return [*body(view), *view.own(_times(view.nearest(), 2.0))]
+    return [*body(view, metric), *view.own(_times(view.nearest(), 2.0))]
 
 
 def anonymous(view: View) -> list[Row]:
-    """`body` without the unit's place in the chain: 21 numbers."""
-    return body(view)[:-1]
+    """`proximity` without the unit's place in the chain: 23 numbers."""
+    *own, _, along, heading = proximity(view)
+    return [*own, along, heading]
 
 
 OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
@@ -183,7 +184,7 @@ OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
     "body": body,
     "proximity": proximity,
     "anonymous": anonymous,
-    "metric": partial(body, metric=True),
+    "metric": partial(proximity, metric=True),
 }
 
 

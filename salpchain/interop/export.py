@@ -3,7 +3,6 @@
 from importlib import import_module
 from pathlib import Path
 
-from salpchain.control.config import PAPER_GRAPHS
 from salpchain.control.policy import Controller, Policy
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
@@ -22,9 +21,6 @@ def export(policy: Controller, path: str | Path, kind: str) -> None:
     one_of("format", kind, FORMATS)
     if not isinstance(policy, Policy):
         raise InputError(f"only a learned policy can be exported, got {policy!r:.60}")
-    if policy.card.control.graph not in PAPER_GRAPHS:
-        graphs = " and ".join(PAPER_GRAPHS)
-        raise InputError(f"can export graphs {graphs}, got {policy.card.control.graph}")
     path = Path(path)
     if kind == "onnx":
         import_module("salpchain.interop.onnx").export_onnx(policy, path)

@@ -79,9 +79,10 @@ LAYOUTS["proximity"] = (
     *LAYOUTS["body"],
     *_vector("direction to the nearest unit that is no neighbour", PROXIMITY, UNIT_AXES),
 )
-LAYOUTS["anonymous"] = LAYOUTS["body"][:-1]
+LAYOUTS["anonymous"] = LAYOUTS["proximity"][:-3] + LAYOUTS["proximity"][-2:]
 LAYOUTS["metric"] = tuple(
-    replace(field, unit="m") if field.unit == COMPRESSED else field for field in LAYOUTS["body"]
+    replace(field, unit="m") if field.unit == COMPRESSED else field
+    for field in LAYOUTS["proximity"]
 )
 
 ACTIONS = {

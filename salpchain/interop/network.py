@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.control.config import PAPER_DEPTH
+from salpchain.control.config import PAPER_DEPTH, REACH
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import read_arrays, write_arrays
@@ -53,7 +53,7 @@ class TorchPolicy(nn.Module):
         if model == "mlp":
             row = self._head(obs.flatten(-2))
             return row.unflatten(-1, (obs.shape[-2], -1)).clamp(-1, 1)
-        x, sees = obs, self._sees(obs)
+        x, sees = self._nodes(obs)
         if model == "gt":
             x = self._linear("trunk_entry", x)
             for layer in (f"trunk_blocks_{number}" for number in range(depth)):
@@ -66,7 +66,7 @@ class TorchPolicy(nn.Module):
             deeper = [f"trunk_more_{number}" for number in range(depth - 2)]
             for layer in ("trunk_second", *deeper):
                 x = functional.gelu(conv(layer, functional.layer_norm(x, x.shape[-1:]), sees))
-        return self._head(x).clamp(-1, 1)
+        return self._head(x[..., : obs.shape[-2], :]).clamp(-1, 1)
 
     def _check_shape(self, obs: Tensor) -> None:
         units = self.about["serves_units"]
@@ -94,11 +94,15 @@ class TorchPolicy(nn.Module):
             x = functional.gelu(self._linear(f"actor_layers_{layer}", x))
         return self._linear("actor_layers_2", x)
 
-    def _sees(self, obs: Tensor) -> Tensor:
-        """Whether unit i sees unit j, (unit, unit)."""
-        place = torch.arange(obs.shape[-2], device=obs.device)
-        apart = (place[:, None] - place).abs()
-        return apart <= 1 if self.about["graph"] == "mixed" else apart >= 0
+    def _nodes(self, obs: Tensor) -> tuple[Tensor, Tensor]:
+        """What each node of the graph observes, and whether node i sees node j, (node, node)."""
+        units, graph = obs.shape[-2], self.about["graph"]
+        others = 1 if graph == "hub" else 0
+        place = torch.arange(units + others, device=obs.device)
+        reach = {"mixed": 1, "hub": 1, "near": REACH, "full": units}[graph]
+        near = (place[:, None] - place).abs() <= reach
+        is_hub = place >= units
+        return functional.pad(obs, (0, 0, 0, others)), near | is_hub | is_hub[:, None]
 
     def _gcn(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
         weights = sees.to(x.dtype)

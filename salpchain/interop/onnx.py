@@ -70,8 +70,12 @@ def _mean(build: Builder, network: Any, card: PolicyCard) -> str:
         shape = [0, card.length, ACTION_SIZES[card.action]]
         return build.op("Reshape", build.head(network.actor, row), shape)
     assert isinstance(network, GraphActorCritic)
-    graph = GRAPHS[network.graph](build, x)
-    features = _trunk(network.trunk, x, graph)
+    kind = GRAPHS[network.graph]
+    if kind.others:
+        x = build.op("Pad", x, [0, 0, 0, 0, kind.others, 0])
+    features = _trunk(network.trunk, x, kind(build, x))
+    if kind.others:
+        features = build.op("Slice", features, [0], [-kind.others], [1])
     return build.head(network.actor, features)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from salpchain.control.config import REACH
 from salpchain.control.layers import (
     GATv2Conv,
     GCNConv,
@@ -93,6 +94,9 @@ class Builder:
 class Mixed:
     """Each unit sees the one before it, itself, and the one after it."""
 
+    others = 0  # nodes after the units
+    alike = False  # whether every node sees the same
+
     def __init__(self, builder: Builder, x: str) -> None:
         """The graph over the units of an observation."""
         self.builder = builder
@@ -138,6 +142,9 @@ class Mixed:
 class Full:
     """Every unit sees every unit."""
 
+    others = 0
+    alike = True
+
     def __init__(self, builder: Builder, x: str) -> None:
         """The graph over the units of an observation."""
         self.builder = builder
@@ -168,8 +175,57 @@ class Full:
         )
 
 
+class Near(Full):
+    """Each unit sees those at most `REACH` links away."""
+
+    alike = False
+
+    def __init__(self, builder: Builder, x: str) -> None:
+        """The graph over the units of an observation."""
+        self.builder = builder
+        number = builder.op("Gather", builder.op("Shape", x), 1)
+        row = builder.op("Range", 0, number, 1)
+        column = builder.op("Unsqueeze", row, [1])
+        seen = self._sees(row, column, builder.op("Sub", number, 1))
+        self.sees = builder.op("Cast", seen, to=onnx.TensorProto.FLOAT)
+        self.degree = builder.op("ReduceSum", self.sees, [1], keepdims=1)
+        unseen = builder.op("Mul", builder.op("Sub", self.sees, 1.0), UNSEEN)
+        self._unseen = builder.op("Unsqueeze", unseen, [-1])
+
+    def _sees(self, row: str, column: str, last: str) -> str:
+        return self._within(row, column, REACH)
+
+    def _within(self, row: str, column: str, links: int) -> str:
+        apart = self.builder.op("Abs", self.builder.op("Sub", row, column))
+        return self.builder.op("LessOrEqual", apart, links)
+
+    def gather(self, x: str) -> str:
+        """The sum over those seen."""
+        return self.builder.op("MatMul", self.sees, x)
+
+    def attend(self, scores: str, values: str) -> str:
+        """Values of those seen, weighted by the softmax of the scores."""
+        return super().attend(self.builder.op("Add", scores, self._unseen), values)
+
+
+class Hub(Near):
+    """Each unit sees its neighbours and the last node, which is no unit and sees all."""
+
+    others = 1
+
+    def _sees(self, row: str, column: str, last: str) -> str:
+        is_hub = [self.builder.op("Equal", place, last) for place in (row, column)]
+        with_hub = self.builder.op("Or", *is_hub)
+        return self.builder.op("Or", self._within(row, column, 1), with_hub)
+
+
 Seen = Mixed | Full
-GRAPHS: dict[str, type[Mixed] | type[Full]] = {"mixed": Mixed, "full": Full}
+GRAPHS: dict[str, type[Mixed] | type[Full]] = {
+    "mixed": Mixed,
+    "full": Full,
+    "near": Near,
+    "hub": Hub,
+}
 
 
 def graph_layer(layer: GCNConv | GATv2Conv | TransformerConv, x: str, graph: Seen) -> str:
@@ -190,7 +246,7 @@ def _gcn(layer: GCNConv, x: str, graph: Seen) -> str:
     if layer.improved:
         summed = build.op("Add", summed, scaled)
     summed = build.op("Div", summed, root)
-    if isinstance(graph, Full):  # the same for all units: once for each
+    if graph.alike:  # the same for all units: once for each
         summed = build.op("Mul", summed, build.ones(x))
     return build.linear(layer.linear, summed)
 

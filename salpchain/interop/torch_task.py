@@ -166,7 +166,7 @@ def table1(chains: Chains) -> Tensor:
     )
 
 
-def proximity(chains: Chains) -> Tensor:
+def proximity(chains: Chains, metric: bool = False) -> Tensor:
     """`body`, and the nearest unit that is no neighbour (see domain.observation)."""
     position, length = chains.position, chains.angle.shape[1]
     slot = torch.arange(length, device=position.device)
@@ -178,12 +178,13 @@ def proximity(chains: Chains) -> Tensor:
     share = (1 / least.clamp(min=1e-6) - 1 / SENSED).clamp(min=0)
     share = share / chosen.sum(dim=2, keepdim=True).clamp(min=1)
     vector = 2 * share * (chosen[..., None] * offset).sum(dim=2)
-    return torch.cat([body(chains), _own(chains.angle, vector)], dim=-1)
+    return torch.cat([body(chains, metric), _own(chains.angle, vector)], dim=-1)
 
 
 def anonymous(chains: Chains) -> Tensor:
-    """`body` without the unit's place in the chain."""
-    return body(chains)[..., :-1]
+    """`proximity` without the unit's place in the chain."""
+    seen = proximity(chains)
+    return torch.cat([seen[..., :-3], seen[..., -2:]], dim=-1)
 
 
 OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {
@@ -191,7 +192,7 @@ OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {
     "table1": table1,
     "proximity": proximity,
     "anonymous": anonymous,
-    "metric": partial(body, metric=True),
+    "metric": partial(proximity, metric=True),
 }
 
 

@@ -45,7 +45,7 @@ def many_lengths(config: TrainConfig) -> TrainConfig:
     return replace(
         config,
         task=replace(config.task, tolerance=TIGHT, folded=FOLDED),
-        control=replace(config.control, improved=config.control.model == "gcn"),
+        control=replace(config.control, improved=True),
         ppo=replace(config.ppo, ratio="unit", entropy=ENTROPY, final_entropy=0.0),
     )
 
@@ -100,11 +100,12 @@ def choose(
     if mix and mix.lengths:
         length = mix.lengths[-1]
     base = PRESETS[name](TaskConfig.length if length is None else length)
-    many = mix is not None and len(mix.lengths) > 1
+    if name == "quick" and mix is not None and len(mix.lengths) > 1:
+        base = many_lengths(base)
     task = _changed(base.task, observation=observation)
-    control = _changed(base.control, model=model, graph=graph)
-    config = _changed(base, task=task, control=control, mix=mix, seed=seed, steps=steps)
-    return many_lengths(config) if many and name == "quick" else config
+    improved = None if model in (None, "gcn") else False
+    control = _changed(base.control, model=model, graph=graph, improved=improved)
+    return _changed(base, task=task, control=control, mix=mix, seed=seed, steps=steps)
 
 
 def _changed(config: Any, **values: object) -> Any:

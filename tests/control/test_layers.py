@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
-from salpchain.control.graph import REACH, full, mixed, near, of_adjacency
+from salpchain.control.config import REACH, ControlConfig
+from salpchain.control.graph import full, mixed, near, of_adjacency
 from salpchain.control.layers import (
     Linear,
     gatv2_conv,

@@ -220,3 +220,16 @@ def test_a_policy_acts_on_a_graph_of_ones_own_of_its_chains_size():
 def test_a_graph_that_is_no_square_of_booleans_is_refused(given):
     with pytest.raises(InputError, match=r"an \(n, n\) array of bool, got \w+ of shape"):
         of_adjacency(given)
+
+
+def test_the_task_of_a_policy_speaks_its_language_and_another_is_refused():
+    config = ControlConfig()
+    card = PolicyCard(control=config, observation="proximity", action="pair", length=4)
+    policy = Policy(actor_critic(jr.key(0), config, 24, 2, 4), card)
+    task = card.task(5, folded=0.5)
+    assert task == TaskConfig(5, "proximity", "pair", folded=0.5)
+    assert policy.act(SCLD(task).reset(jr.key(0))).shape == (5, 2)
+    with pytest.raises(InputError, match="observes proximity, the state has 22 numbers"):
+        policy.act(SCLD(TaskConfig(5)).reset(jr.key(0)))
+    with pytest.raises(InputError, match="works at 4 units only, got length 5"):
+        PolicyCard(control=ControlConfig(model="mlp"), length=4).task(5)

@@ -134,14 +134,14 @@ def test_body_keeps_far_targets_in_the_range_of_near_ones():
     assert np.abs(far).max() < 8
 
 
-def test_variants_of_body_leave_the_place_out_or_give_what_is_far_in_metres():
+def test_variants_of_proximity_leave_the_place_out_or_give_what_is_far_in_metres():
     state = swum(8)
     seen = (state.chain, state.target, state.force)
-    body, anonymous, metric = (observe(name, *seen) for name in ("body", "anonymous", "metric"))
-    np.testing.assert_array_equal(anonymous, body[:, :-1])
-    np.testing.assert_allclose(body[:, -1], np.linspace(-1, 1, 8), atol=1e-6)
+    whole, anonymous, metric = (observe(x, *seen) for x in ("proximity", "anonymous", "metric"))
+    np.testing.assert_array_equal(anonymous, np.delete(whole, 21, axis=1))
+    np.testing.assert_allclose(whole[:, 21], np.linspace(-1, 1, 8), atol=1e-6)
     far = slice(16, 20)
-    np.testing.assert_array_equal(np.delete(metric, far, axis=1), np.delete(body, far, axis=1))
+    np.testing.assert_array_equal(np.delete(metric, far, axis=1), np.delete(whole, far, axis=1))
     error = np.asarray(state.target - state.chain.units.position)
     apart = np.linalg.norm(np.asarray(metric[:, 16:18]), axis=1)
     np.testing.assert_allclose(apart, np.linalg.norm(error, axis=1), rtol=1e-5)

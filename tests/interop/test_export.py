@@ -2,6 +2,7 @@ import re
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -12,11 +13,12 @@ import onnxruntime
 import pytest
 import torch
 
-from examples.robot import body_observation, opened, swim, thrusts
+from examples.robot import OBSERVATIONS, opened, swim, thrusts
 from salpchain.cli.main import run
 from salpchain.control.greedy import Greedy
 from salpchain.control.storage import save_policy
 from salpchain.domain.config import TaskConfig
+from salpchain.domain.observation import observe
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop.export import export
@@ -46,14 +48,6 @@ def test_the_torch_module_acts_as_jax_does(model, graph, settings, tmp_path):
     np.testing.assert_allclose(module(torch.from_numpy(obs)), expected, atol=1e-5)
     pushed = module.thrust(torch.from_numpy(obs))
     np.testing.assert_allclose(pushed, (expected[..., 0] - expected[..., 1]) / 2, atol=1e-5)
-
-
-def test_a_policy_on_a_graph_that_no_export_knows_is_refused(tmp_path, capsys):
-    save_policy(fresh(graph="hub"), tmp_path / "policy.safetensors")
-    assert (
-        run(["export", str(tmp_path), "--format", "onnx", "--out", str(tmp_path / "x.onnx")]) == 2
-    )
-    assert "can export graphs mixed and full, got hub" in capsys.readouterr().err
 
 
 def test_the_torch_module_needs_no_jax(folder):
@@ -87,14 +81,16 @@ def poses(states, index):
     return [np.asarray(row[index], np.float64) for row in rows]
 
 
-def test_the_robot_sees_and_does_what_the_policy_does_in_jax(swum, folder):
-    out = folder / "robot.onnx"
-    assert run(["export", str(folder), "--out", str(out)]) == 0
+@pytest.mark.parametrize("name", OBSERVATIONS)
+def test_the_robot_sees_and_does_what_the_policy_does_in_jax(swum, name, tmp_path):
+    policy, out = fresh(observation=name), tmp_path / "robot.onnx"
+    export(policy, out, "onnx")
     session = onnxruntime.InferenceSession(out)
-    expected = actions(fresh(), swum.obs)
+    seen = jax.vmap(partial(observe, name))(swum.chain, swum.target, swum.force)
+    expected = actions(policy, seen)
     for index in range(5):
-        obs = body_observation(*poses(swum, index))
-        np.testing.assert_allclose(obs, swum.obs[index], atol=1e-5)
+        obs = OBSERVATIONS[name](*poses(swum, index))
+        np.testing.assert_allclose(obs, seen[index], atol=1e-5)
         np.testing.assert_allclose(
             thrusts(session, *poses(swum, index)), expected[index, :, 0], atol=1e-4
         )
@@ -148,7 +144,7 @@ def test_the_robots_loop_sends_no_thrust_without_a_pose_and_goes_on(swum, folder
 
 def test_a_robot_refuses_a_policy_that_is_not_for_it(tmp_path):
     for policy, word in (
-        (fresh(observation="table1"), "must be of a policy that sees body"),
+        (fresh(observation="table1"), "must be of a policy that sees body or proximity"),
         (fresh("mlp", length=5), "steers 5 units, the robot has 8"),
     ):
         export(policy, tmp_path / "policy.onnx", "onnx")

@@ -12,10 +12,10 @@ from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.onnx import export_onnx
 from tests.interop.policies import fresh
 
-GRAPHS = ("mixed", "full")
+GRAPHS = ("mixed", "full", "near", "hub")
 MODELS = ("gcn", "gatv2", "gt")
 KINDS = [(model, graph, {}) for model in MODELS for graph in GRAPHS]
-KINDS += [("gcn", graph, {"improved": True}) for graph in GRAPHS]
+KINDS += [("gcn", graph, {"improved": True}) for graph in ("mixed", "hub")]
 KINDS += [(model, "mixed", {"depth": 3}) for model in MODELS]
 
 

@@ -12,7 +12,7 @@ from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import own_progress
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
-from salpchain.training.config import PPOConfig
+from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.journal import NotFiniteError
 from salpchain.training.ppo import (
     Lesson,
@@ -170,6 +170,18 @@ def test_the_paper_preset_is_table_2():
     assert config.steps == 60_000 * 512
     assert config.task.observation == "table1" and config.task.action == "pair"
     assert config.task.fine_weight == 0 and config.task.fence
+
+
+def test_several_lengths_have_settings_of_their_own_unless_others_are_asked_for():
+    several = Mix((4, 8))
+    config = choose("quick", mix=several)
+    assert (config.task.observation, config.control.graph) == ("body", "mixed")
+    assert config.control.improved and config.task.folded > 0 and config.ppo.ratio == "unit"
+    asked = choose("quick", mix=several, model="gatv2", graph="hub", observation="proximity")
+    assert (asked.task.observation, asked.control.graph) == ("proximity", "hub")
+    assert asked.control.model == "gatv2" and not asked.control.improved
+    one = choose("quick", mix=Mix((8,)))
+    assert (one.task.folded, one.ppo.ratio, one.control.improved) == (0, "chain", False)
 
 
 @pytest.mark.parametrize(
