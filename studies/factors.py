@@ -117,7 +117,8 @@ def as_markdown(table: pd.DataFrame) -> str:
     steps = f"{STEPS:,} steps each, {TRIALS} episodes of each length, time limit `{LIMIT}`"
     lines = ["# What makes a controller hold at any length", ""]
     lines += [
-        f"`gcn` on `hub` with `proximity`, trained on 2 to 16 units, one factor changed at a time: {steps}.",
+        f"`gcn` on `hub` with `proximity`, trained on 2 to 16 units, one factor changed at a time:"
+        f" {steps}.",
         "",
     ]
     lines += ["Success in percent, mean over seeds (lowest to highest)."]

@@ -6,7 +6,7 @@ from typing import Protocol, runtime_checkable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
 from salpchain.control.config import REACH
 from salpchain.errors import InputError
@@ -25,8 +25,8 @@ class Graph(Protocol):
         """Number of nodes, empty slots counted."""
         ...
 
-    def degree(self) -> Int[Array, " unit"]:
-        """Number of nodes that each node sees, itself counted."""
+    def degree(self) -> Float[Array, " unit"]:
+        """How many nodes each sees, itself counted, by their weights if they have any."""
         ...
 
     def gather(self, values: Float[Array, "unit feature"]) -> Float[Array, "unit feature"]:
@@ -57,9 +57,9 @@ class ChainGraph(eqx.Module):
         """Number of slots."""
         return self.present.shape[0]
 
-    def degree(self) -> Int[Array, " unit"]:
+    def degree(self) -> Float[Array, " unit"]:
         """1, plus 1 for each joined neighbour."""
-        return self._seen().sum(axis=1, dtype=jnp.int32)
+        return self._seen().sum(axis=1, dtype=jnp.float32)
 
     def gather(self, values: Float[Array, "unit feature"]) -> Float[Array, "unit feature"]:
         """Own value plus those of the joined neighbours."""
@@ -116,9 +116,9 @@ class DenseGraph(eqx.Module):
         """Number of rows."""
         return self.sees.shape[0]
 
-    def degree(self) -> Int[Array, " unit"]:
+    def degree(self) -> Float[Array, " unit"]:
         """Row sums, at least 1."""
-        return jnp.maximum(self.sees.sum(axis=1), 1)
+        return jnp.maximum(self.sees.sum(axis=1, dtype=jnp.float32), 1)
 
     def gather(self, values: Float[Array, "unit feature"]) -> Float[Array, "unit feature"]:
         """Sums over each row."""
@@ -136,6 +136,24 @@ class DenseGraph(eqx.Module):
     def attend(self, scores: Scores, values: Heads) -> Heads:
         """Of every node seen."""
         return jnp.einsum("ij...,j...f->i...f", _softmax(scores, self.sees), values)
+
+
+class HubGraph(DenseGraph):
+    """A dense graph whose last node hears the mean of the units, not their sum.
+
+    The weights of what it hears sum to 1, so that in a graph convolution neither what it hears nor
+    what it tells grows or fades with the length of the chain. Attention has weights of its own.
+    """
+
+    def degree(self) -> Float[Array, " unit"]:
+        """Row sums; of the hub 2: itself and the mean."""
+        return super().degree().at[-1].set(2.0)
+
+    def gather(self, values: Float[Array, "unit feature"]) -> Float[Array, "unit feature"]:
+        """Sums over each row; of the hub its own value and the mean of the units'."""
+        units = self.sees[-1, :-1].astype(values.dtype)
+        heard = units @ values[:-1] / jnp.maximum(units.sum(), 1)
+        return super().gather(values).at[-1].set(values[-1] + heard)
 
 
 def _softmax(scores: Scores, seen: Bool[Array, "unit seen"]) -> Scores:
@@ -162,10 +180,11 @@ def near(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGr
     return of_adjacency(within & (piece[:, None] == piece) & present[:, None] & present)
 
 
-def hub(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> DenseGraph:
+def hub(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> HubGraph:
     """`mixed`, and one node more, last, that sees every unit and that every unit sees. Ours."""
     sees = jnp.diag(present) | jnp.diag(joined, 1) | jnp.diag(joined, -1)
-    return of_adjacency(jnp.pad(sees, (0, 1)).at[:-1, -1].set(present).at[-1, :-1].set(present))
+    sees = jnp.pad(sees, (0, 1)).at[:-1, -1].set(present).at[-1, :-1].set(present)
+    return HubGraph(of_adjacency(sees).sees)
 
 
 def of_adjacency(sees: ArrayLike) -> DenseGraph:

@@ -1,5 +1,7 @@
 """Layers that controllers share, with the meaning and defaults of PyTorch (Geometric)."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -42,7 +44,7 @@ class GCNConv(eqx.Module):
         The sum is taken before the product: the same, and cheaper where inputs are few.
         """
         again = 1 if self.improved else 0
-        scale = jax.lax.rsqrt((graph.degree() + again).astype(x.dtype))[:, None]
+        scale = jax.lax.rsqrt(graph.degree() + again)[:, None].astype(x.dtype)
         scaled = scale * x
         summed = graph.gather(scaled) + scaled if self.improved else graph.gather(scaled)
         return self.linear(scale * summed)
@@ -80,7 +82,7 @@ class Layers(eqx.Module):
 
     first: GCNConv | GATv2Conv
     second: GCNConv | GATv2Conv
-    more: list[GCNConv | GATv2Conv]
+    more: Sequence[GCNConv | GATv2Conv]
 
     def __call__(self, x: Float[Array, "unit inputs"], graph: Graph) -> Float[Array, "unit 128"]:
         """Features of each unit from what the units within as many edges of it observe."""

@@ -106,6 +106,8 @@ class TorchPolicy(nn.Module):
 
     def _gcn(self, name: str, x: Tensor, sees: Tensor) -> Tensor:
         weights = sees.to(x.dtype)
+        if self.about["graph"] == "hub":  # which hears the mean of the units
+            weights[-1, :-1] /= len(sees) - 1
         if self.about.get("improved") == "true":  # files of older versions do not say
             weights = weights + torch.eye(len(sees), dtype=x.dtype, device=x.device)
         scale = weights.sum(1).rsqrt()

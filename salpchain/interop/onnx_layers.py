@@ -186,22 +186,29 @@ class Near(Full):
         number = builder.op("Gather", builder.op("Shape", x), 1)
         row = builder.op("Range", 0, number, 1)
         column = builder.op("Unsqueeze", row, [1])
-        seen = self._sees(row, column, builder.op("Sub", number, 1))
-        self.sees = builder.op("Cast", seen, to=onnx.TensorProto.FLOAT)
-        self.degree = builder.op("ReduceSum", self.sees, [1], keepdims=1)
+        last = builder.op("Sub", number, 1)
+        self.sees = self._number(self._sees(row, column, last))
+        self.weights = self._weights(row, column, last)
+        self.degree = builder.op("ReduceSum", self.weights, [1], keepdims=1)
         unseen = builder.op("Mul", builder.op("Sub", self.sees, 1.0), UNSEEN)
         self._unseen = builder.op("Unsqueeze", unseen, [-1])
 
     def _sees(self, row: str, column: str, last: str) -> str:
         return self._within(row, column, REACH)
 
+    def _weights(self, row: str, column: str, last: str) -> str:
+        return self.sees
+
+    def _number(self, x: str) -> str:
+        return self.builder.op("Cast", x, to=onnx.TensorProto.FLOAT)
+
     def _within(self, row: str, column: str, links: int) -> str:
         apart = self.builder.op("Abs", self.builder.op("Sub", row, column))
         return self.builder.op("LessOrEqual", apart, links)
 
     def gather(self, x: str) -> str:
-        """The sum over those seen."""
-        return self.builder.op("MatMul", self.sees, x)
+        """The weighted sum over those seen."""
+        return self.builder.op("MatMul", self.weights, x)
 
     def attend(self, scores: str, values: str) -> str:
         """Values of those seen, weighted by the softmax of the scores."""
@@ -209,9 +216,21 @@ class Near(Full):
 
 
 class Hub(Near):
-    """Each unit sees its neighbours and the last node, which is no unit and sees all."""
+    """Each unit sees its neighbours and the last node, which is no unit and sees all.
+
+    In a graph convolution, that node hears the mean of the units.
+    """
 
     others = 1
+
+    def _weights(self, row: str, column: str, last: str) -> str:
+        is_hub, is_unit = (
+            self._number(self.builder.op(kind, place, last))
+            for kind, place in (("Equal", column), ("Less", row))
+        )
+        more = self.builder.op("Sub", self._number(last), 1.0)  # than one unit that it hears
+        shared = self.builder.op("Mul", self.builder.op("Mul", is_hub, is_unit), more)
+        return self.builder.op("Div", self.sees, self.builder.op("Add", shared, 1.0))
 
     def _sees(self, row: str, column: str, last: str) -> str:
         is_hub = [self.builder.op("Equal", place, last) for place in (row, column)]

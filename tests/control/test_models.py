@@ -56,9 +56,10 @@ def test_the_parameter_counts_are_the_papers(model, count):
 
 @pytest.mark.parametrize(
     ("graph", "edges"),
-    [(mixed, 8 + 2 * 7), (full, 64), (near, 8 + 2 * (7 + 6 + 5 + 4)), (hub, 9 + 2 * (7 + 8))],
+    [(mixed, 8 + 2 * 7), (full, 64), (near, 8 + 2 * (7 + 6 + 5 + 4)), (hub, 8 + 2 * 7 + 8 + 2)],
 )
 def test_the_graphs_have_as_many_edges_as_they_should(graph, edges):
+    """The hub's edges from the units weigh 1 together."""
     assert int(graph(*all_of(8)).degree().sum()) == edges
 
 
@@ -69,6 +70,17 @@ def test_on_mixed_a_unit_hears_of_units_up_to_two_links_away_and_no_farther(mode
     moved = act(policy, obs.at[4].add(1.0), *all_of(9))
     changed = np.abs(np.asarray(moved - base)).max(axis=1) > 1e-7
     np.testing.assert_array_equal(np.flatnonzero(changed), [2, 3, 4, 5, 6])
+
+
+def test_a_hub_hears_the_mean_of_the_units_so_that_a_chain_twice_as_long_changes_nothing():
+    values = jnp.concatenate([observed(6), jnp.ones((1, 24))])
+    twice = jnp.concatenate([values[:6], values[:6], values[6:]])
+    heard = hub(*all_of(6)).gather(values)[-1]
+    np.testing.assert_allclose(heard, values[:6].mean(axis=0) + 1, atol=1e-6)
+    np.testing.assert_allclose(hub(*all_of(12)).gather(twice)[-1], heard, atol=1e-6)
+    present = jnp.arange(9) < 6
+    slotted = jnp.concatenate([values[:6], jnp.full((3, 24), 1e3), values[6:]])
+    np.testing.assert_allclose(hub(present, present[1:]).gather(slotted)[-1], heard, atol=1e-5)
 
 
 @models
