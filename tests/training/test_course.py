@@ -92,7 +92,7 @@ def samples_of(policy, lengths, slots, inputs=5):
     action = mean + 0.4
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
     sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
-    return jax.vmap(Lesson)(sample, jnp.ones(len(lengths)), value)
+    return jax.vmap(Lesson)(sample, jnp.ones((len(lengths), 1)), value)
 
 
 def gradient(policy, ratio, batch):
