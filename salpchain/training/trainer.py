@@ -143,22 +143,27 @@ class Sitting:
 
 
 def _continue(sitting: Sitting, learners: list[Learner]) -> list[dict[str, Any]]:
-    come, config = int(learners[0].iteration), sitting.configs[0]
-    pairs = zip(sitting.configs, sitting.runs, strict=True)
-    journals = [Journal(config, run, come) for config, run in pairs]
-    try:
-        with _stop_on_signal() as stopped:
-            come = _iterate(sitting, learners, journals, stopped)
-        broken = [journal.broken for journal in journals if journal.broken]
-        if come < config.iterations and not broken:
-            raise KeyboardInterrupt
-        done = [journal.finish() for journal in journals if not journal.broken]
-        for error in broken:
-            raise error
-        return done
-    finally:
-        for journal in journals:
-            journal.log.close()
+    config = sitting.configs[0]
+    with _stop_on_signal() as stopped, _journals(sitting, int(learners[0].iteration)) as journals:
+        come = _iterate(sitting, learners, journals, stopped)
+    broken = [journal.broken for journal in journals if journal.broken]
+    if come < config.iterations and not broken:
+        raise KeyboardInterrupt
+    done = [journal.finish() for journal in journals if not journal.broken]
+    for error in broken:
+        raise error
+    return done
+
+
+@contextmanager
+def _journals(sitting: Sitting, come: int) -> Iterator[list[Journal]]:
+    """The journals of runs at an iteration, open; closed at the end."""
+    with ExitStack() as logs:
+        journals = []
+        for config, run in zip(sitting.configs, sitting.runs, strict=True):
+            journals.append(Journal(config, run, come))
+            logs.callback(journals[-1].log.close)
+        yield journals
 
 
 def _iterate(
@@ -167,7 +172,7 @@ def _iterate(
     """Iterations up to the last one, or until stopped; saves now and then. Returns the last."""
     last = sitting.configs[0].iterations
     first = int(learners[0].iteration)
-    if first >= last:
+    if first >= last or stopped():
         return first
     mesh = mesh_of(sitting.devices)
     learner = place(_beside(learners), mesh)
@@ -210,7 +215,11 @@ def _apart(tree: Any, number: int) -> list[Any]:
 
 @contextmanager
 def _stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Ctrl-C and SIGTERM ask for a stop after the present iteration; a second Ctrl-C stops now."""
+    """Ctrl-C and SIGTERM ask for a stop after the present iteration; a second Ctrl-C stops now.
+
+    It is around the logs too: TensorBoard's, interrupted while it opens, would wait for ever
+    at the end of the process.
+    """
     asked = False
 
     def ask(number: int, frame: Any) -> None:

@@ -10,11 +10,13 @@ import sys
 import time
 
 import pytest
+import tensorboardX
+from tensorboardX import SummaryWriter
 
 from salpchain.errors import InputError
 from salpchain.files import alone
 from salpchain.training.checkpoint import CHECKPOINT_FILE
-from salpchain.training.trainer import resume
+from salpchain.training.trainer import resume, train
 from tests.training.small import small
 
 ITERATIONS = 40
@@ -91,6 +93,22 @@ def test_ctrl_c_while_compiling_leaves_a_run_that_goes_on(undisturbed):
     assert process.returncode != 0 and len(rows(folder)) <= 1
     finish(start(folder, undisturbed.parent / "cache"))
     assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
+
+
+def test_ctrl_c_while_the_log_opens_leaves_it_closed_and_the_run_goes_on(tmp_path, monkeypatch):
+    boards = []
+
+    def interrupted(*args, **settings):
+        if not boards:
+            signal.raise_signal(signal.SIGINT)
+        boards.append(SummaryWriter(*args, **settings))
+        return boards[-1]
+
+    monkeypatch.setattr(tensorboardX, "SummaryWriter", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        train(small(2), tmp_path / "run")
+    assert [board.file_writer for board in boards] == [None]
+    assert resume(tmp_path / "run")["steps"] == small(2).steps
 
 
 def test_a_run_that_another_process_is_at_is_left_alone(undisturbed, tmp_path):
