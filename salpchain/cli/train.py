@@ -19,7 +19,7 @@ class Train:
     The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
     checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
     bit for bit as if it had never stopped. On several lengths, quick also asks for a goal of 2 cm,
-    starts some episodes folded and rewards entropy at first.
+    starts some episodes folded, shows each unit who is near, and rewards entropy at first.
 
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
 

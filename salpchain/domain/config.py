@@ -36,6 +36,7 @@ class TaskConfig:
     contact: bool = True  # units collide
     fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
     folded: float = 0.0  # share of episodes that start from a folded chain; 0 is the paper's
+    stalled: float = 0.0  # share that starts on the target with a part folded back; likewise
     tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
 
     def __post_init__(self) -> None:
@@ -48,8 +49,14 @@ class TaskConfig:
                 raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
         if not (_is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
             raise InputError(f"fine weight must be a number, 0 or more, got {self.fine_weight!r}")
-        if not (_is_number(self.folded) and 0 <= self.folded <= 1):
-            raise InputError(f"folded must be a share, 0 to 1, got {self.folded!r}")
+        for name in ("folded", "stalled"):
+            share = getattr(self, name)
+            if not (_is_number(share) and 0 <= share <= 1):
+                raise InputError(f"{name} must be a share, 0 to 1, got {share!r}")
+        if self.folded + self.stalled > 1:
+            raise InputError(
+                f"folded and stalled must be at most 1 together, got {self.folded} + {self.stalled}"
+            )
         if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
             raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
 

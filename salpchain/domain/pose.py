@@ -2,23 +2,15 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Bool, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.physics.chain import Chain, at_rest
 
 LINK = 0.07  # m, between neighbouring points (paper's world)
 SPAWN = 0.1  # m, the first unit starts with abs(x), abs(y) below this
 RADIUS = (0.05, 0.3)  # m, of target arcs, times max(1, n // 3)
-# Of folded starts (chosen)
-FOLD = 3.2  # rad, the most that a fold turns, over a few joints
-SHARPEST = 1.6  # rad, the most that a fold turns at one joint
-WAVE = 0.15  # rad, standard deviation of what every joint turns besides
-APART = 0.064  # m, least distance of the centres of units that are no neighbours: the diagonal
-FLATTER = (1.0, 0.9, 0.8, 0.7, 0.5, 0.25, 0.0)  # times the turns, until no units overlap
 
 
 class Draw(NamedTuple):
@@ -65,54 +57,6 @@ def spawn(draw: Draw, slots: int, length: int | Array) -> Chain:
     present = slot < length
     position = first + slot[:, None] * along
     return at_rest(position, jnp.full(slots, angle), present, present[1:])
-
-
-def folded(key: PRNGKeyArray, chain: Chain, length: int | Array) -> Chain:
-    """The straight chain at rest, folded at a random place by a random angle and waved a little.
-
-    The first unit and link stay where they are, no two units overlap, and what is at rest is the
-    straight chain. Ours: the paper's chains start straight.
-    """
-    turns = _turns(key, chain.present.shape[0], length)
-    links, places = jax.vmap(lambda share: _laid(chain, share * turns))(jnp.array(FLATTER))
-    flattest = jnp.argmax(jax.vmap(lambda place: _is_clear(place, chain.present))(places))
-    link, place = links[flattest], places[flattest]
-    before, after = jnp.concatenate([link[:1], link]), jnp.concatenate([link, link[-1:]])
-    is_last = jnp.arange(place.shape[0]) == length - 1
-    angle = jnp.where(is_last, before, (before + after) / 2)
-    bent = at_rest(place, angle, chain.present, chain.linked)
-    return eqx.tree_at(
-        lambda c: (c.links.angle, c.rest_angle), bent, (link, jnp.zeros_like(bent.rest_angle))
-    )
-
-
-def _turns(key: PRNGKeyArray, slots: int, length: int | Array) -> Float[Array, " joint"]:
-    """What each link turns against the one before it (rad)."""
-    where, width, most, wave = jr.split(key, 4)
-    joint = jnp.arange(slots - 2)
-    centre = jr.uniform(where) * jnp.maximum(length - 3, 0)
-    spread = jr.uniform(width, minval=0.5, maxval=2.5)  # joints
-    fold = jnp.exp(-(((joint - centre) / spread) ** 2)) * (joint < length - 2)
-    fold = fold / jnp.maximum(fold.sum(), 1e-3) * jr.uniform(most, minval=-FOLD, maxval=FOLD)
-    return jnp.clip(fold, -SHARPEST, SHARPEST) + WAVE * jr.normal(wave, joint.shape)
-
-
-def _laid(
-    chain: Chain, turns: Float[Array, " joint"]
-) -> tuple[Float[Array, " link"], Float[Array, "unit 2"]]:
-    """Angles of the links, and places of the units, of the chain turned so at its inner units."""
-    angle = chain.units.angle[0] + jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
-    steps = LINK * jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
-    first = chain.units.position[:1]
-    return angle, jnp.concatenate([first, first + jnp.cumsum(steps, axis=0)])
-
-
-def _is_clear(place: Float[Array, "unit 2"], present: Bool[Array, " unit"]) -> Bool[Array, ""]:
-    """Whether no two units but neighbours are so near that they could overlap."""
-    apart = jnp.sum((place[:, None] - place) ** 2, axis=-1)
-    slot = jnp.arange(place.shape[0])
-    counts = present[:, None] & present & (jnp.abs(slot[:, None] - slot) > 1)
-    return jnp.where(counts, apart, jnp.inf).min() > APART**2
 
 
 def target_pose(draw: Draw, slots: int, length: int | Array) -> Float[Array, "slots 2"]:

@@ -20,10 +20,11 @@ from salpchain.domain.config import (
     STEPS_PER_UNIT,
     TaskConfig,
 )
+from salpchain.domain.folds import folded, stalled
 from salpchain.domain.observation import observe
-from salpchain.domain.pose import draw, folded, spawn, target_pose
+from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
-from salpchain.physics.batching import redo
+from salpchain.physics.batching import redo, where
 from salpchain.physics.chain import Chain, Physics, heading, step
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
@@ -93,17 +94,18 @@ class SCLD(eqx.Module):
         length = slots if length is None else length
         chance = draw(draw_key)
         chain = spawn(chance, slots, length)
-        if self.config.folded > 0:
-            chain = self._folded(key, chain, length)
         target = target_pose(chance, slots, length)
+        if self.config.folded + self.config.stalled > 0:
+            chain = self._folded(key, chain, target, length)
         return self.start(chain, target, next_key)
 
-    def _folded(self, key: PRNGKeyArray, chain: Chain, length: int | Array) -> Chain:
-        """The chain, folded in the share of episodes that the settings ask for."""
+    def _folded(self, key: PRNGKeyArray, chain: Chain, target: Array, length: int | Array) -> Chain:
+        """The chain, folded or stalled in the shares of episodes that the settings ask for."""
         which, how = jr.split(jr.fold_in(key, 1))
-        bent = folded(how, chain, length)
-        chosen = jr.uniform(which) < self.config.folded
-        return jax.tree.map(lambda one, other: jnp.where(chosen, one, other), bent, chain)
+        chance, share = jr.uniform(which), self.config.folded
+        chain = where(chance < share, folded(how, chain, length), chain)
+        is_stalled = (share <= chance) & (chance < share + self.config.stalled)
+        return where(is_stalled, stalled(how, chain, target, length), chain)
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own."""

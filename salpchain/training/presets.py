@@ -13,7 +13,8 @@ EPISODE_STEPS = 512  # the paper's time limit
 QUICK_STEPS, QUICK_STEPS_PER_UNIT = 1_000_000, 62_500
 # Of `quick` on several lengths (chosen; docs/measurements.md)
 TIGHT = 0.02  # m, Frechet distance at which the target pose is taken
-FOLDED = 0.3  # share of episodes that start from a folded chain
+FOLDED = 0.15  # share of episodes that start from a folded chain
+STALLED = 0.15  # share that starts where swims stall: on the target, a part folded back
 ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions, at the start
 
 
@@ -37,14 +38,16 @@ def many_lengths(config: TrainConfig) -> TrainConfig:
 
     Each unit's probability ratio is clipped, so that long chains do not drown short ones. The goal
     is tighter than the judge's, for a controller that stops just inside the judge's at one length
-    stops just outside at another. Some episodes start folded, for long chains tangle. Entropy is
-    rewarded: without, a long run stops exploring, and then unlearns; less and less, for a policy
-    that counts on its noise to shake a chain loose gets stuck without it. And `gcn` counts a unit's
-    own features twice, or the two units of a pair could not act differently.
+    stops just outside at another. Some episodes start folded, anywhere or on the target, for long
+    chains tangle; and a unit sees who presses on it. Entropy is rewarded: without, a long run
+    stops exploring, and then unlearns; less and less, for a policy that counts on its noise to
+    shake a chain loose gets stuck without it. And `gcn` counts a unit's own features twice, or the
+    two units of a pair could not act differently.
     """
+    seen = {"observation": "proximity", "tolerance": TIGHT}
     return replace(
         config,
-        task=replace(config.task, tolerance=TIGHT, folded=FOLDED),
+        task=replace(config.task, **seen, folded=FOLDED, stalled=STALLED),
         control=replace(config.control, improved=True),
         ppo=replace(config.ppo, ratio="unit", entropy=ENTROPY, final_entropy=0.0),
     )

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from salpchain.domain.pose import LINK, Bend, curve, draw, folded, spawn, target_pose
-from salpchain.physics.chain import Physics, step
+from salpchain.domain.pose import LINK, Bend, curve, draw, spawn, target_pose
 
 KEYS = jr.split(jr.key(0), 4000)
 
@@ -77,47 +76,3 @@ def test_a_shorter_chain_in_more_slots_has_the_target_of_its_own_length():
     alone = target_pose(draw(jr.key(3)), 5, 5)
     slotted = target_pose(draw(jr.key(3)), 9, 5)
     np.testing.assert_allclose(slotted[:5], alone, atol=1e-6)
-
-
-def many_folded(length, slots, count=400):
-    def one(key):
-        chain = spawn(draw(key), slots, length)
-        return chain, folded(key, chain, length)
-
-    return jax.jit(jax.vmap(one))(KEYS[:count])
-
-
-@pytest.mark.parametrize(("length", "slots"), [(2, 5), (3, 3), (9, 9), (12, 16)])
-def test_a_folded_chain_has_closed_joints_and_no_units_that_overlap(length, slots):
-    straight, bent = many_folded(length, slots)
-    position = np.asarray(bent.units.position)[:, :length]
-    ahead = np.diff(position, axis=1)
-    np.testing.assert_allclose(np.linalg.norm(ahead, axis=-1), LINK, atol=1e-5)
-    angle = np.asarray(bent.links.angle)[:, : length - 1]
-    np.testing.assert_allclose(np.cos(angle) * LINK, ahead[..., 0], atol=1e-5)
-    np.testing.assert_allclose(np.sin(angle) * LINK, ahead[..., 1], atol=1e-5)
-    np.testing.assert_array_equal(bent.units.position[:, 0], straight.units.position[:, 0])
-    np.testing.assert_array_equal(bent.present, straight.present)
-    assert not np.asarray(bent.rest_angle).any()
-    still = jax.jit(jax.vmap(lambda chain: step(chain, jnp.zeros(slots), Physics())))(bent)
-    assert not np.asarray(still.touching).any()
-
-
-def test_folds_turn_by_up_to_half_a_circle_either_way_and_anywhere():
-    _, bent = many_folded(16, 16, 2000)
-    angle = np.asarray(bent.links.angle)
-    total = angle[:, -1] - angle[:, 0]
-    assert (np.abs(total) > 2.5).mean() > 0.05 and abs((total > 0).mean() - 0.5) < 0.05
-    places = np.abs(np.diff(angle, axis=1)).argmax(axis=1)
-    assert set(places) == set(range(14))
-
-
-def test_a_straightened_fold_is_what_rests():
-    """The springs of the joints push a folded chain back to straight."""
-    _, bent = many_folded(4, 4, 20)
-    run = jax.jit(jax.vmap(lambda chain: step(chain, jnp.zeros(4), Physics())))
-    later = bent
-    for _ in range(200):
-        later = run(later)
-    bend = lambda chain: np.abs(np.diff(np.asarray(chain.links.angle), axis=1)).sum(axis=1)  # noqa: E731
-    assert (bend(later) < 0.9 * bend(bent) + 1e-3).all()

@@ -189,10 +189,27 @@ def test_mixed_lengths_in_one_batch_are_what_each_is_alone():
         )
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3])
-def test_a_share_of_the_episodes_starts_folded(share):
-    states = env_of(length=8, folded=share).reset_all(jr.split(jr.key(0), 1000))
+@pytest.mark.parametrize(("anywhere", "on_target"), [(0.0, 0.0), (0.3, 0.0), (0.2, 0.4)])
+def test_a_share_of_the_episodes_starts_folded_and_a_share_stalled(anywhere, on_target):
+    env = env_of(length=8, folded=anywhere, stalled=on_target)
+    states = env.reset_all(jr.split(jr.key(0), 1000))
     bent = np.ptp(np.asarray(states.chain.links.angle), axis=1) > 1e-3
-    assert abs(bent.mean() - share) < 0.05
+    apart = np.asarray(states.chain.units.position - states.target)
+    there = np.linalg.norm(apart, axis=-1).min(axis=1) < 1e-3
+    assert abs(bent.mean() - anywhere - on_target) < 0.05
+    assert abs((bent & there).mean() - on_target) < 0.05
     straight = env_of(length=8).reset_all(jr.split(jr.key(0), 1000))
     np.testing.assert_array_equal(states.target, straight.target)
+
+
+@pytest.mark.parametrize(
+    ("shares", "word"),
+    [
+        ({"folded": -0.1}, "folded must be a share"),
+        ({"stalled": 1.5}, "stalled must be a share"),
+        ({"folded": 0.6, "stalled": 0.6}, "at most 1 together, got 0.6 [+] 0.6"),
+    ],
+)
+def test_shares_of_starts_that_cannot_be_are_refused(shares, word):
+    with pytest.raises(InputError, match=word):
+        env_of(length=8, **shares)

@@ -175,10 +175,11 @@ def test_the_paper_preset_is_table_2():
 def test_several_lengths_have_settings_of_their_own_unless_others_are_asked_for():
     several = Mix((4, 8))
     config = choose("quick", mix=several)
-    assert (config.task.observation, config.control.graph) == ("body", "mixed")
-    assert config.control.improved and config.task.folded > 0 and config.ppo.ratio == "unit"
-    asked = choose("quick", mix=several, model="gatv2", graph="hub", observation="proximity")
-    assert (asked.task.observation, asked.control.graph) == ("proximity", "hub")
+    assert (config.task.observation, config.control.graph) == ("proximity", "mixed")
+    assert config.control.improved and config.ppo.ratio == "unit"
+    assert config.task.folded > 0 and config.task.stalled > 0
+    asked = choose("quick", mix=several, model="gatv2", graph="hub", observation="body")
+    assert (asked.task.observation, asked.control.graph) == ("body", "hub")
     assert asked.control.model == "gatv2" and not asked.control.improved
     one = choose("quick", mix=Mix((8,)))
     assert (one.task.folded, one.ppo.ratio, one.control.improved) == (0, "chain", False)
