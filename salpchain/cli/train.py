@@ -48,7 +48,7 @@ class Train:
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all, in whole rollouts. Default: the preset's (quick at 8 units: 1500000)."""
+    """Chain-steps in all, in whole rollouts. Default: the preset's (quick at 8 units: 1250000)."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 

@@ -18,7 +18,7 @@ from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Controller
 from salpchain.control.storage import load
 from salpchain.errors import InputError
-from salpchain.evaluation.evaluate import evaluate
+from salpchain.evaluation.evaluate import evaluate_limits
 from salpchain.training.devices import use_devices
 from salpchain.training.journal import NotFiniteError, Progress
 from salpchain.training.trainer import train_together
@@ -48,9 +48,9 @@ def do_jobs(folder: Path, grid: Grid, jobs: Sequence[Job], devices: int | None =
         except NotFiniteError as error:
             broken = error
     for job in (job for job in jobs if is_trained(folder, job)):
-        run = run_of(folder, job)
-        for limit in untested(folder, job):
-            _test(load(run), job.tests[limit], limit, grid, run)
+        run, limits = run_of(folder, job), untested(folder, job)
+        if limits:
+            _test(load(run), job.tests[limits[0]], limits, grid, run)
     if broken:
         raise broken
 
@@ -58,15 +58,18 @@ def do_jobs(folder: Path, grid: Grid, jobs: Sequence[Job], devices: int | None =
 def do_baseline(folder: Path, grid: Grid, devices: int | None = None) -> None:
     """The greedy controller's tests that are not done yet."""
     use_devices(devices)
-    for limit in baseline_untested(folder, grid):
-        _test(Greedy(), grid.tests, limit, grid, folder / "greedy")
+    limits = baseline_untested(folder, grid)
+    if limits:
+        _test(Greedy(), grid.tests, limits, grid, folder / "greedy")
 
 
-def _test(controller: Controller, lengths: Lengths, limit: str, grid: Grid, place: Path) -> None:
+def _test(
+    controller: Controller, lengths: Lengths, limits: Sequence[str], grid: Grid, place: Path
+) -> None:
     stop = _stop_with_parent()
-    evaluate(
-        controller, lengths, grid.trials, limit, TEST_SEED, place / limit,
-        baseline=False, progress=lambda *_: stop(Progress(0, 0)),
+    evaluate_limits(
+        controller, lengths, grid.trials, limits, TEST_SEED, place,
+        progress=lambda *_: stop(Progress(0, 0)),
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
-from salpchain.evaluation.trials import run_trials
+from salpchain.evaluation.trials import run_limits
 from salpchain.files import make_writable, write_json, write_text
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
@@ -44,14 +44,40 @@ def evaluate(
         InputError: no lengths, fewer than one trial, or an impossible length or time limit.
         OSError: the folder cannot be written.
     """
-    if not lengths:
-        raise InputError("lengths must name at least one length")
     controllers: list[Controller] = [controller]
     if baseline and not isinstance(controller, Greedy):
         controllers.append(Greedy(controller.card.observation, controller.card.action))
     if out is not None:
         make_writable(out)
-    frames = _play(controllers, sorted(set(lengths)), trials, time_limit, seed, progress)
+    played = _play(controllers, lengths, trials, (time_limit,), seed, progress)[time_limit]
+    return _summary(controller, played, out)
+
+
+def evaluate_limits(
+    controller: Controller,
+    lengths: Sequence[int],
+    trials: int,
+    time_limits: Sequence[str],
+    seed: int,
+    out: Path,
+    progress: Progress | None = None,
+) -> None:
+    """`evaluate` without baseline under several time limits, each into its folder of `out`.
+
+    The trials are played once, to the last limit.
+
+    Raises:
+        As `evaluate`.
+    """
+    for limit in time_limits:
+        make_writable(out / limit)
+    played = _play([controller], lengths, trials, time_limits, seed, progress)
+    for limit in time_limits:
+        _summary(controller, played[limit], out / limit)
+
+
+def _summary(controller: Controller, frames: Sequence[pd.DataFrame], out: Path | None) -> Summary:
+    """What the trials of the controller and of its baseline, if there is one, say; as files too."""
     summary = {**summarise(frames[0]), "card": controller.card.as_dict()}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
@@ -64,19 +90,28 @@ def _play(
     controllers: Sequence[Controller],
     lengths: Sequence[int],
     trials: int,
-    time_limit: str,
+    time_limits: Sequence[str],
     seed: int,
     progress: Progress | None,
-) -> list[pd.DataFrame]:
-    """The trials of each controller at all lengths."""
+) -> dict[str, list[pd.DataFrame]]:
+    """Under each time limit, the trials of each controller at all lengths."""
+    if not lengths:
+        raise InputError("lengths must name at least one length")
+    lengths = sorted(set(lengths))
     names = " and ".join(controller.card.name for controller in controllers)
-    work = [length * step_limit(time_limit, length) for length in lengths]
+    work = [n * max(step_limit(limit, n) for limit in time_limits) for n in lengths]
     played = []
     for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
         tell = partial(_tell, progress, before, part, f"{names}, {length} units")
-        played.append(run_trials(controllers, length, trials, time_limit, seed, tell))
-    return [pd.concat(parts, ignore_index=True) for parts in zip(*played, strict=True)]
+        played.append(run_limits(controllers, length, trials, time_limits, seed, tell))
+    return {
+        limit: [
+            pd.concat(parts, ignore_index=True)
+            for parts in zip(*(at[limit] for at in played), strict=True)
+        ]
+        for limit in time_limits
+    }
 
 
 def _tell(progress: Progress | None, before: float, part: float, what: str, share: float) -> None:

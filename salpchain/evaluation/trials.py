@@ -65,27 +65,78 @@ def run_trials(
         InputError: fewer than one trial, an impossible length or time limit, a length that a
             controller cannot serve, or controllers of different observations or actions.
     """
+    limits = (time_limit,)
+    return run_limits(controllers, length, trials, limits, seed, progress, physics)[time_limit]
+
+
+def run_limits(
+    controllers: Sequence[Controller],
+    length: int,
+    trials: int,
+    time_limits: Sequence[str],
+    seed: int,
+    progress: Progress | None = None,
+    physics: Physics | None = None,
+) -> dict[str, list[pd.DataFrame]]:
+    """`run_trials` under several time limits: played once, to the last, and measured at each.
+
+    Raises:
+        As `run_trials`.
+    """
     if trials < 1:
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
-    env = domain_for(controllers, length, time_limit, physics)
-    limit = step_limit(time_limit, length)
+    ascending = sorted(time_limits, key=lambda limit: step_limit(limit, length))
+    envs = [domain_for(controllers, length, limit, physics) for limit in ascending]
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
     ended = []
     for block in range(blocks):
         numbers = jnp.arange(block * size, (block + 1) * size)
         share = partial(_share, progress, block, blocks)
-        begun = _begin(env, len(controllers), length, seed, numbers)
-        ended.append(_measures(env, _play_out(env, controllers, begun, limit, share)))
+        ended.append(_play_limits(envs, controllers, length, seed, numbers, share))
+    about = {"length": length, "trial": np.arange(trials), "seed": seed}
+    names = [controller.card.name for controller in controllers]
+    return {
+        limit: _frames(names, {**about, "time_limit": limit}, measures, trials)
+        for limit, measures in zip(ascending, zip(*ended, strict=True), strict=True)
+    }
+
+
+def _play_limits(
+    envs: Sequence[SCLD],
+    controllers: Sequence[Controller],
+    length: int,
+    seed: int,
+    numbers: Int[Array, " trial"],
+    progress: Progress,
+) -> list[dict[str, np.ndarray]]:
+    """The measures of the trials of these numbers under the time limit of each domain, ascending.
+
+    Up to its own limit an episode is the same under any: it is played in the last domain alone.
+    """
+    begun = [_begin(env, len(controllers), length, seed, numbers) for env in envs]
+    limits = [int(env.step_limit(length)) for env in envs]
+    ends = _play_out(envs[-1], controllers, begun[-1], limits, progress)
+    return [
+        _measures(env, eqx.tree_at(lambda trial: trial.start, end, first.start))
+        for env, first, end in zip(envs, begun, ends, strict=True)
+    ]
+
+
+def _frames(
+    names: Sequence[str],
+    about: dict[str, Any],
+    ended: Sequence[dict[str, np.ndarray]],
+    trials: int,
+) -> list[pd.DataFrame]:
+    """The measures of all blocks, (trial, controller) each, as a frame for each controller."""
     values = {name: np.concatenate([m[name] for m in ended])[:trials] for name in ended[0]}
-    about = {"length": length, "trial": np.arange(trials), "seed": seed, "time_limit": time_limit}
-    own = [{k: x[:, i] for k, x in values.items()} for i in range(len(controllers))]
-    return [_frame(c.card.name, about, mine) for c, mine in zip(controllers, own, strict=True)]
-
-
-def _frame(policy: str, about: dict[str, Any], values: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame({"policy": policy, **about, **values})
+    own = [{k: x[:, i] for k, x in values.items()} for i in range(len(names))]
+    return [
+        pd.DataFrame({"policy": name, **about, **mine})
+        for name, mine in zip(names, own, strict=True)
+    ]
 
 
 def domain_for(
@@ -164,26 +215,34 @@ def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
 
 
 def _play_out(
-    env: SCLD, controllers: Sequence[Controller], trials: Trial, limit: int, progress: Progress
-) -> Trial:
-    """All trials at their ends. Those that have ended leave the batch when few go on."""
+    env: SCLD,
+    controllers: Sequence[Controller],
+    trials: Trial,
+    limits: Sequence[int],
+    progress: Progress,
+) -> list[Trial]:
+    """All trials as they stand at each limit (control steps, ascending), ended or not.
+
+    Those that have ended leave the batch when few go on.
+    """
     swimming, places = trials, np.arange(len(trials.effort))
-    memories = _remember(controllers, trials)
-    stride = -(-limit // REPORTS)
-    for until in range(stride, limit + stride, stride):
+    memories, last, ends = _remember(controllers, trials), limits[-1], []
+    stride = -(-last // REPORTS)
+    for until in sorted({*range(stride, last, stride), *limits}):
         swimming, memories = play(env, controllers, swimming, memories, jnp.int32(until))
+        ends += [_put(trials, swimming, places)] * list(limits).count(until)
         going = np.asarray(~swimming.state.done.all(axis=1))
         if not going.any():
             break
-        progress(min(until / limit, 1.0))
-        work = (limit - until) * len(places) * len(controllers) * env.config.length
+        progress(until / last)
+        work = (last - until) * len(places) * len(controllers) * env.config.length
         if FEWER * going.sum() <= len(places) and work >= WORTH:
             trials = _put(trials, swimming, places)
             stay = np.argsort(~going, stable=True)[: _share_evenly(-(-len(places) // FEWER))]
             swimming, memories = _take((swimming, memories), stay)
             places = places[stay]
     progress(1.0)
-    return _put(trials, swimming, places)
+    return ends + [_put(trials, swimming, places)] * (len(limits) - len(ends))
 
 
 def _put(trials: Trial, some: Trial, places: np.ndarray) -> Trial:

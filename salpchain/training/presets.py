@@ -10,25 +10,29 @@ from salpchain.training.config import Mix, PPOConfig, TrainConfig
 PAPER_EPISODES = 60_000  # Table 2
 EPISODE_STEPS = 512  # the paper's time limit
 # Chain-steps of `quick` (chosen; docs/measurements.md)
-QUICK_STEPS, QUICK_STEPS_PER_UNIT = 1_000_000, 62_500
-# Of `quick` on several lengths (chosen; docs/measurements.md)
+QUICK_STEPS, QUICK_STEPS_PER_UNIT = 1_000_000, 31_250
+ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions, at the start
+# Of `quick` on several lengths (chosen; docs/any-length.md)
+MANY = 2  # times as many steps
 TIGHT = 0.02  # m, Frechet distance at which the target pose is taken
 FOLDED = 0.15  # share of episodes that start from a folded chain
 STALLED = 0.15  # share that starts where swims stall: on the target, a part folded back
-ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions, at the start
 
 
 def quick(length: int) -> TrainConfig:
     """Reaches 95 % success soonest: own-frame observations, shaped reward, each sample used once.
 
     Simulation costs next to nothing beside the gradient: one epoch over fresh samples, in large
-    steps, learns as much from each as three do, in 40 % of the time. A longer chain needs more.
+    steps, learns as much from each as three do, in 40 % of the time. Each unit's probability ratio
+    is clipped: the chain's spreads the more the longer it is, and two thirds of the samples then do
+    (16 units). Entropy is rewarded less and less: without, a run stops exploring too soon, and a
+    policy that counts on its noise to shake a chain loose gets stuck without it.
     """
     return TrainConfig(
         preset="quick",
         task=TaskConfig(length=length, observation="body", action="thrust", fine_weight=0.5),
         control=ControlConfig(shared_log_std=True),
-        ppo=PPOConfig(),
+        ppo=PPOConfig(ratio="unit", entropy=ENTROPY, final_entropy=0.0),
         steps=QUICK_STEPS + QUICK_STEPS_PER_UNIT * length,
     )
 
@@ -36,20 +40,18 @@ def quick(length: int) -> TrainConfig:
 def many_lengths(config: TrainConfig) -> TrainConfig:
     """`quick` for several lengths at once: what makes a controller hold at lengths never trained.
 
-    Each unit's probability ratio is clipped, so that long chains do not drown short ones. The goal
-    is tighter than the judge's, for a controller that stops just inside the judge's at one length
-    stops just outside at another. Some episodes start folded, anywhere or on the target, for long
-    chains tangle; and a unit sees who presses on it. Entropy is rewarded: without, a long run
-    stops exploring, and then unlearns; less and less, for a policy that counts on its noise to
-    shake a chain loose gets stuck without it. And `gcn` counts a unit's own features twice, or the
-    two units of a pair could not act differently.
+    The goal is tighter than the judge's, for a controller that stops just inside the judge's at one
+    length stops just outside at another. Some episodes start folded, anywhere or on the target, for
+    long chains tangle; and a unit sees who presses on it. And `gcn` counts a unit's own features
+    twice, or the two units of a pair could not act differently. That each unit's ratio is clipped
+    (`quick`) matters here too: long chains do not drown short ones.
     """
     seen = {"observation": "proximity", "tolerance": TIGHT}
     return replace(
         config,
         task=replace(config.task, **seen, folded=FOLDED, stalled=STALLED),
         control=replace(config.control, improved=True),
-        ppo=replace(config.ppo, ratio="unit", entropy=ENTROPY, final_entropy=0.0),
+        steps=MANY * config.steps,
     )
 
 

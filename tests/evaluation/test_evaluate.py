@@ -9,19 +9,22 @@ from rich.console import Console
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import PolicyCard
 from salpchain.evaluation import evaluate as module
-from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
+from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
 from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
 from tests.evaluation.controllers import Constant
 
 LENGTHS, TRIALS = [4, 8], 5
 
 
-def trials_by_formula(controllers, length, trials, time_limit, seed, progress):
-    """Stands in for `run_trials`: no swim; starts depend on seed, length and trial."""
+def trials_by_formula(controllers, length, trials, time_limits, seed, progress):
+    """Stands in for `run_limits`: no swim; starts depend on seed, length and trial."""
     progress(0.5)
     progress(1.0)
     names = [controller.card.name for controller in controllers]
-    return [frame_by_formula(name, length, trials, time_limit, seed) for name in names]
+    return {
+        limit: [frame_by_formula(name, length, trials, limit, seed) for name in names]
+        for limit in time_limits
+    }
 
 
 def frame_by_formula(name, length, trials, time_limit, seed):
@@ -34,7 +37,7 @@ def frame_by_formula(name, length, trials, time_limit, seed):
 
 @pytest.fixture
 def evaluation(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "run_trials", trials_by_formula)
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
     told, out = [], tmp_path / "made" / "on the way"
     tell = lambda *x: told.append(x)  # noqa: E731
     return evaluate(Constant(0.3), LENGTHS, TRIALS, "fixed", 5, out, progress=tell), out, told
@@ -98,7 +101,7 @@ def test_a_single_trial_has_an_interval_of_success_alone(evaluation):
 
 
 def test_the_baseline_is_not_its_own_baseline(monkeypatch):
-    monkeypatch.setattr(module, "run_trials", trials_by_formula)
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
     assert evaluate(Greedy(), [4], TRIALS, "fixed", 5)["baseline"] is None
 
 
@@ -114,3 +117,13 @@ def test_real_trials_of_both_start_alike_and_greedy_closes_more(tmp_path):
 def test_no_lengths_is_an_error():
     with pytest.raises(ValueError, match="at least one length"):
         evaluate(Greedy(), [], 4, "fixed", 0)
+
+
+def test_several_time_limits_give_the_files_of_each(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
+    evaluate_limits(Greedy(), LENGTHS, TRIALS, ("fixed", "scaled"), 5, tmp_path)
+    for limit in ("fixed", "scaled"):
+        alone = evaluate(Greedy(), LENGTHS, TRIALS, limit, 5)
+        kept = json.loads((tmp_path / limit / "evaluation.json").read_text())
+        assert kept == json.loads(json.dumps(alone)) and kept["time_limit"] == limit
+        assert len(pd.read_csv(tmp_path / limit / "evaluation.csv")) == TRIALS * len(LENGTHS)

@@ -14,7 +14,7 @@ from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.recording import record
-from salpchain.evaluation.trials import _remember, play, run_trials, start_keys
+from salpchain.evaluation.trials import _remember, play, run_limits, run_trials, start_keys
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -71,6 +71,19 @@ def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle
 def test_every_policy_meets_the_same_starts(greedy, idle):
     np.testing.assert_array_equal(greedy.start_distance, idle.start_distance)
     np.testing.assert_array_equal(greedy.reachable, idle.reachable)
+
+
+def test_several_time_limits_in_one_go_measure_what_each_does_alone(monkeypatch):
+    monkeypatch.setattr(module, "WORTH", 0)  # trials that have ended leave the batch early
+    crew, length = [Constant(0.5), Greedy()], 20  # so long that the limits differ: 512 and 640
+    both = run_limits(crew, length, 6, ("scaled", "fixed"), SEED)
+    for limit in ("fixed", "scaled"):
+        alone = run_trials(crew, length, 6, limit, SEED)
+        for ours, theirs in zip(both[limit], alone, strict=True):
+            pd.testing.assert_frame_equal(ours, theirs, rtol=1e-3)
+    fixed, scaled = both["fixed"][0], both["scaled"][0]
+    assert (fixed.steps == 512).all() and (scaled.steps == 640).all()
+    assert (fixed.reachable <= scaled.reachable).all() and not fixed.equals(scaled)
 
 
 def test_controllers_side_by_side_swim_as_each_does_alone():
