@@ -18,6 +18,7 @@ from salpchain.files import read_json, write_json, write_text
 from salpchain.report.claims import Claim, facts, judge
 from salpchain.report.pages import Report, Table, write_report
 from salpchain.report.paper_figures import figure_3, figure_4
+from salpchain.report.reference import beside_figure_3, beside_figure_4
 from salpchain.report.study import Entry, breakpoint_of, zero_shot_table
 from salpchain.training.run_folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 
@@ -45,7 +46,12 @@ def write_outcome(folder: Path, grid: Grid) -> Path:
         write_text(place / f"zero-shot-{limit}.csv", table.to_csv(index=False))
     write_json(place / "study.json", _record(grid, training, claims))
     about = _about(grid, len(entries), training)
-    tables = [_training_page(training), *(_reach_page(entries, t) for t in grid.time_limits)]
+    tables = [
+        _training_page(training),
+        *(_reach_page(entries, t) for t in grid.time_limits),
+        beside_figure_3(entries),
+        *([beside_figure_4(entries, PAPER_LIMIT)] if _has_tests(entries, PAPER_LIMIT) else []),
+    ]
     report = Report("The paper, repeated", about, claims, tables, _draw(entries, grid, place))
     return write_report(report, place)[1]
 
@@ -124,10 +130,15 @@ def _record(grid: Grid, training: Any, claims: Sequence[Claim]) -> dict[str, Any
 def _draw(entries: Sequence[Entry], grid: Grid, place: Path) -> dict[str, Path]:
     drawn = {"Figure 3: learning curves": figure_3(entries, place / "figure-3.png")[0]}
     for limit in grid.time_limits:
-        if any(entry.model != "mlp" and limit in entry.tests for entry in entries):
+        if _has_tests(entries, limit):
             caption = f"Figure 4: zero-shot tests, {limit} time limit"
             drawn[caption] = figure_4(entries, limit, place / f"figure-4-{limit}.png")[0]
     return drawn
+
+
+def _has_tests(entries: Sequence[Entry], limit: str) -> bool:
+    """Whether some graph controller was tested with this time limit."""
+    return any(entry.model != "mlp" and limit in entry.tests for entry in entries)
 
 
 def _about(grid: Grid, done: int, training: Any) -> list[str]:

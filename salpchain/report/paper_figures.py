@@ -45,15 +45,26 @@ def figure_3(entries: Sequence[Entry], out: Path) -> list[Path]:
         return save(figure, out)
 
 
-def _learning_panel(panel: Axes, entries: Sequence[Entry]) -> None:
+def normalised_curves(entries: Sequence[Entry]) -> dict[str, pd.DataFrame]:
+    """Of each controller, in its figure's order, the smoothed returns with a column for each seed.
+
+    Scaled so that the lowest point of all is 0 and the highest 1. Those without episodes are left
+    out.
+    """
     curves = {name: _smooth(some) for name, some in _by_name(entries).items()}
     curves = {name: frame for name, frame in curves.items() if len(frame)}
-    if not curves:  # no episode has ended yet
-        return
+    if not curves:
+        return {}
     values = np.concatenate([frame.to_numpy().ravel() for frame in curves.values()])
     low, high = values.min(), values.max()
-    for name, frame in curves.items():
-        seeds = (frame - low) / max(high - low, 1e-9)
+    return {name: (frame - low) / max(high - low, 1e-9) for name, frame in curves.items()}
+
+
+def _learning_panel(panel: Axes, entries: Sequence[Entry]) -> None:
+    curves = normalised_curves(entries)
+    if not curves:  # no episode has ended yet
+        return
+    for name, seeds in curves.items():
         steps, mean = seeds.index.to_numpy(float) / 1e6, seeds.mean(axis=1)
         error = seeds.std(axis=1, ddof=1).fillna(0.0) / np.sqrt(seeds.shape[1])
         colour, marker, dashes = LOOK[name]

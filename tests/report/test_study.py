@@ -9,7 +9,8 @@ import pytest
 from salpchain.report.claims import facts, judge, success_at_end
 from salpchain.report.pages import Report, Table, write_report
 from salpchain.report.paper_figures import figure_3, figure_4, interval_half
-from salpchain.report.study import Entry, breakpoint_of, episode_return, zero_shot_table
+from salpchain.report.reference import AT, FIGURE_3, FIGURE_4, beside_figure_3, beside_figure_4
+from salpchain.report.study import HELD, Entry, breakpoint_of, episode_return, zero_shot_table
 
 TESTS = (4, 8, 12, 16, 20, 24, 28, 32)
 BEST = {"gt mixed": 0.96, "gt full": 0.96, "mlp": 0.93, "gcn mixed": 0.92, "gatv2 mixed": 0.92}
@@ -146,3 +147,23 @@ def test_the_page_needs_no_other_file_and_escapes_what_it_shows(tmp_path):
     assert "![Figure 3](figure-3.png)" in text and "a\\|b" in text and "| held |" in text
     assert "<script>" not in page and "About &amp; more" in page
     assert re.findall(r'(?:src|href)="(?!data:)', page) == []
+
+
+def test_a_study_stands_beside_the_papers_figures(tmp_path):
+    some = entries(PAPER, knee=16, lengths=(8, 4), seeds=1)
+    rows = {tuple(row[:2]): row[2:] for row in beside_figure_4(some, "fixed").rows}
+    assert rows["gcn mixed", "8"] == ["1.00 / 0.96", "0.50 / 0.79", "0.00 / 0.60", "- / 0.45"]
+    assert rows["gt full", "4"] == ["1.00 / -", "0.50 / -", "0.00 / -", "- / -"]
+    rows = {tuple(row[:2]): row[2:] for row in beside_figure_3(some).rows}
+    assert rows["mlp", "8"][1] == "0.93" and rows["mlp", "4"][1] == "-"
+    assert 0 <= float(rows["mlp", "8"][0]) <= 1
+
+
+def test_the_papers_breakpoints_are_those_that_its_text_names():
+    """90 % up to twice the training length, for the best; Figure 3 has all seven controllers."""
+    for length, curves in FIGURE_4.items():
+        for name in ("gt mixed", "gt full", "gcn mixed", "gatv2 mixed"):
+            assert len(curves[name]) == len(AT)
+            held = [at for at, value in zip(AT, curves[name], strict=True) if value >= HELD]
+            assert max(held) >= 2 * length - 4
+        assert set(FIGURE_3[length]) == {*curves, "mlp"}
