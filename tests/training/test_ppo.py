@@ -8,7 +8,7 @@ import scipy.stats
 
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
-from salpchain.domain.config import TaskConfig
+from salpchain.domain.config import GOAL_LIMIT, TaskConfig
 from salpchain.domain.reward import own_progress
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
@@ -167,6 +167,7 @@ def test_the_paper_preset_is_table_2():
     assert (ppo.epochs, ppo.batch, ppo.minibatch) == (10, 5120, 256)
     assert (ppo.clip, ppo.max_grad_norm, ppo.gamma, ppo.lam) == (0.2, 0.5, 0.99, 0.95)
     assert (ppo.entropy, ppo.learning_rate, ppo.final_rate) == (0.001, 5e-5, 1.0)
+    assert (ppo.ratio, ppo.final_entropy) == ("chain", 1.0)
     assert config.steps == 60_000 * 512
     assert config.task.observation == "table1" and config.task.action == "pair"
     assert config.task.fine_weight == 0 and config.task.fence
@@ -176,13 +177,14 @@ def test_several_lengths_have_settings_of_their_own_unless_others_are_asked_for(
     several = Mix((4, 8))
     config = choose("quick", mix=several)
     assert (config.task.observation, config.control.graph) == ("proximity", "mixed")
-    assert config.control.improved and config.ppo.ratio == "unit"
+    assert config.control.improved and config.task.tolerance < GOAL_LIMIT
     assert config.task.folded > 0 and config.task.stalled > 0
     asked = choose("quick", mix=several, model="gatv2", graph="hub", observation="body")
     assert (asked.task.observation, asked.control.graph) == ("body", "hub")
     assert asked.control.model == "gatv2" and not asked.control.improved
     one = choose("quick", mix=Mix((8,)))
-    assert (one.task.folded, one.ppo.ratio, one.control.improved) == (0, "chain", False)
+    assert (one.task.folded, one.task.tolerance, one.control.improved) == (0, GOAL_LIMIT, False)
+    assert one.ppo == config.ppo and config.steps == 2 * one.steps == 2 * choose("quick").steps
 
 
 @pytest.mark.parametrize(
