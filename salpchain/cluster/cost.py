@@ -3,18 +3,23 @@
 Imports nothing heavy: a plan is printed at once.
 """
 
+from collections.abc import Sequence
+
 from salpchain.cluster.grid import Grid, Job
 from salpchain.domain.config import step_limit
 from salpchain.machine import cores, jobs_that_fit
 
 # Microseconds of one core for each unit (from trainings at 8 and 16 units, one on each of the two
-# cores of an Intel Xeon; rough elsewhere): one control step, and one forward pass of a network.
-STEP = 2.0
-PASS = {"mlp": 0.2, "gcn": 3.2, "gatv2": 10.0, "gt": 16.5}
-PAIR = {"mlp": 0.0, "gcn": 0.0, "gatv2": 0.4, "gt": 0.02}  # on full, for each unit that is heard
+# cores of an AMD EPYC 9005; rough elsewhere): one control step, and one forward pass of a network.
+STEP = 0.8
+PASS = {"mlp": 0.07, "gcn": 1.2, "gatv2": 3.6, "gt": 5.4}
+PAIR = {"mlp": 0.0, "gcn": 0.0, "gatv2": 0.12, "gt": 0.06}  # on full, for each unit that is heard
 BACKWARD = 3  # forward and backward pass of a gradient, in forward passes
-COMPILING = 40.0  # s of one core before a job starts
-TRIALS_AT_ONCE = 0.5  # share of the longest episode that trials last on average
+# Seconds of one core before a training, and before the tests of each size of batch, start; the
+# second seed and those after it find the programs compiled.
+COMPILING, COMPILED = 20.0, 4.0
+UNITS_OF_A_SIZE = (16, 32, 64, 128, 256, 512)  # most units in a batch of tests
+TRIALS_AT_ONCE = 0.6  # share of the longest episode that trials last on average
 RUN_BYTES = 8_000_000  # of a run folder: checkpoint, policy, log, TensorBoard, tests
 
 
@@ -22,20 +27,34 @@ def train_cost(job: Job) -> float:
     """Seconds of one core that a training takes."""
     ppo, units = job.config.ppo, job.config.task.length
     passes = 1 + BACKWARD * ppo.epochs
-    return COMPILING + job.config.total_steps * units * 1e-6 * (STEP + passes * _pass(job, units))
+    work = job.config.total_steps * units * 1e-6 * (STEP + passes * _pass(job, units))
+    return _start(job) + work
 
 
-def test_cost(grid: Grid, job: Job, limit: str) -> float:
-    """Seconds of one core that the tests of a run with one time limit take."""
-    lengths = job.tests[limit]
-    each = (n * step_limit(limit, n) * (STEP + _pass(job, n)) for n in lengths)
-    return COMPILING + grid.trials * TRIALS_AT_ONCE * 1e-6 * sum(each)
+def test_cost(grid: Grid, job: Job) -> float:
+    """Seconds of one core that the tests of a run take; all time limits are tested in one go."""
+    lengths = next(iter(job.tests.values()), ())
+    each = (n * _longest(grid, n) * (STEP + _pass(job, n)) for n in lengths)
+    return _sizes(lengths) * _start(job) + grid.trials * TRIALS_AT_ONCE * 1e-6 * sum(each)
 
 
 def baseline_cost(grid: Grid) -> float:
     """Seconds of one core that the baseline's tests take."""
-    steps = (n * step_limit(limit, n) for limit in grid.time_limits for n in grid.tests)
-    return COMPILING + grid.trials * TRIALS_AT_ONCE * 1e-6 * STEP * sum(steps)
+    steps = sum(n * _longest(grid, n) for n in grid.tests)
+    return _sizes(grid.tests) * COMPILING + grid.trials * TRIALS_AT_ONCE * 1e-6 * STEP * steps
+
+
+def _start(job: Job) -> float:
+    return COMPILED if job.config.seed else COMPILING
+
+
+def _longest(grid: Grid, length: int) -> int:
+    return max(step_limit(limit, length) for limit in grid.time_limits)
+
+
+def _sizes(lengths: Sequence[int]) -> int:
+    """How many programs the tests of these lengths take."""
+    return len({next(most for most in UNITS_OF_A_SIZE if n <= most) for n in lengths})
 
 
 def _pass(job: Job, units: int) -> float:
@@ -50,14 +69,12 @@ def plan(grid: Grid, jobs: int | None) -> str:
     lines = []
     for config in grid.configurations():
         job = next(j for j in grid.jobs() if j.config.name == config.name)
-        each = train_cost(job) + sum(test_cost(grid, job, limit) for limit in job.tests)
+        each = train_cost(job) + test_cost(grid, job)
         lines.append(
             f"{config.name:<16} {grid.seeds} x {config.total_steps:>12,} steps"
             f" {_hours(each):>12} of one core each"
         )
-    total = baseline_cost(grid) + sum(
-        train_cost(j) + sum(test_cost(grid, j, t) for t in j.tests) for j in grid.jobs()
-    )
+    total = baseline_cost(grid) + sum(train_cost(j) + test_cost(grid, j) for j in grid.jobs())
     disk = RUN_BYTES * len(grid.jobs()) / 1e9
     tests = f"{min(grid.tests)} to {max(grid.tests)}" if len(grid.tests) > 1 else min(grid.tests)
     return "\n".join(

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
-from salpchain.domain.config import TIME_LIMITS, check_length, one_of, step_limit
+from salpchain.domain.config import TIME_LIMITS, check_length, one_of
 from salpchain.errors import InputError
 from salpchain.files import read_json, write_json
 from salpchain.training.config import TrainConfig
@@ -113,14 +113,6 @@ class Grid:
         own = config.control.model in SINGLE_LENGTH
         lengths = (config.task.length,) if own else self.tests
         return dict.fromkeys(self.time_limits, lengths)
-
-    @property
-    def test_steps(self) -> dict[str, int]:
-        """Control steps of one unit that testing one controller takes at most, by time limit."""
-        return {
-            limit: self.trials * sum(n * step_limit(limit, n) for n in self.tests)
-            for limit in self.time_limits
-        }
 
 
 def _check_each(what: str, given: Sequence[str], known: Collection[str]) -> None:

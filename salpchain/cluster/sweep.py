@@ -140,8 +140,7 @@ class _State:
 
     def _work_done(self) -> float:
         done = sum(_done(self.folder, self.grid, job) for job in self.jobs)
-        missing = baseline_untested(self.folder, self.grid)
-        return done + self.costs[-1] * (1 - len(missing) / len(self.grid.time_limits))
+        return done + (0.0 if baseline_untested(self.folder, self.grid) else self.costs[-1])
 
 
 def _tasks(grid: Grid, together: bool) -> list[Task]:
@@ -152,10 +151,9 @@ def _tasks(grid: Grid, together: bool) -> list[Task]:
 
 
 def _cost(grid: Grid, job: Job) -> float:
-    return train_cost(job) + sum(test_cost(grid, job, limit) for limit in job.tests)
+    return train_cost(job) + test_cost(grid, job)
 
 
 def _done(folder: Path, grid: Grid, job: Job) -> float:
-    missing = untested(folder, job)
-    tested = sum(test_cost(grid, job, limit) for limit in job.tests if limit not in missing)
+    tested = 0.0 if untested(folder, job) else test_cost(grid, job)
     return train_cost(job) * trained_share(folder, job) + tested
