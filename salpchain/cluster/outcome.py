@@ -12,6 +12,7 @@ import pandas as pd
 
 from salpchain.cluster.grid import Grid, Job
 from salpchain.cluster.results import is_trained, run_of, untested
+from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import read_json, write_json, write_text
@@ -57,14 +58,15 @@ def write_outcome(folder: Path, grid: Grid) -> Path:
 
 
 def _entry(folder: Path, job: Job) -> Entry:
-    run, control = run_of(folder, job), job.config.control
+    run, control, task = run_of(folder, job), job.config.control, job.config.task
     missing = untested(folder, job)
     return Entry(
         model=control.model,
         graph="" if job.config.name.startswith("mlp") else control.graph,
-        length=job.config.task.length,
+        length=task.length,
         seed=job.config.seed,
         log=_log(run / METRICS_FILE),
+        settled=job.config.ppo.envs * step_limit(task.time_limit, task.length),
         tests={
             limit: read_json(run / limit / TESTS_FILE)
             for limit in job.tests
@@ -128,7 +130,8 @@ def _record(grid: Grid, training: Any, claims: Sequence[Claim]) -> dict[str, Any
 
 
 def _draw(entries: Sequence[Entry], grid: Grid, place: Path) -> dict[str, Path]:
-    drawn = {"Figure 3: learning curves": figure_3(entries, place / "figure-3.png")[0]}
+    caption = "Figure 3: learning curves, mean over seeds and its standard error"
+    drawn = {caption: figure_3(entries, place / "figure-3.png")[0]}
     for limit in grid.time_limits:
         if _has_tests(entries, limit):
             caption = f"Figure 4: zero-shot tests, {limit} time limit"

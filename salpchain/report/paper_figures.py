@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from salpchain.errors import InputError
+from salpchain.evaluation.statistics import paper_normalised
 from salpchain.report.figures import GREY, LOOKS, STYLE, legend_below, save
 from salpchain.report.study import HELD, Entry, episode_return, zero_shot_table
 
@@ -22,7 +23,7 @@ LOOK: dict[str, Any] = dict(zip(ORDER, LOOKS, strict=True))
 
 
 def figure_3(entries: Sequence[Entry], out: Path) -> list[Path]:
-    """Learning curves, a panel for each training length: normalised return, mean and its error.
+    """Learning curves, a panel for each training length: normalised return, mean ± standard error.
 
     As in the paper: a moving average over 200 data points (over as many rollouts as there are, if
     fewer), scaled in each panel so that the lowest point of all curves is 0 and the highest 1.
@@ -40,7 +41,7 @@ def figure_3(entries: Sequence[Entry], out: Path) -> list[Path]:
             _learning_panel(panel, [e for e in entries if e.length == length])
             panel.set_title(f"{length} units")
             panel.set_xlabel("million chain-steps")
-        panels[0].set_ylabel("normalised return, mean ± standard error")
+        panels[0].set_ylabel("normalised return")
         legend_below(figure, panels)
         return save(figure, out)
 
@@ -78,12 +79,20 @@ def _learning_panel(panel: Axes, entries: Sequence[Entry]) -> None:
 
 
 def _smooth(entries: Sequence[Entry]) -> pd.DataFrame:
-    """A column for each seed: its moving average, at the steps that all seeds have come to."""
+    """A column for each seed: its moving average, at the steps that all seeds have come to.
+
+    Each episode counts once. The curve begins when all chains have ended their first: until then
+    those that ended are the quick ones.
+    """
     columns = []
     for entry in entries:
-        series = pd.Series(episode_return(entry.log).to_numpy(), index=entry.log["steps"])
-        window = max(1, min(WINDOW, len(series) // 5))
-        columns.append(series.rolling(window, min_periods=1).mean())
+        window = max(1, min(WINDOW, len(entry.log) // 5))
+        episodes = entry.log["episodes"]
+        total = (episode_return(entry.log) * episodes).fillna(0.0)
+        sums = (x.rolling(window, min_periods=1).sum() for x in (total, episodes))
+        mean = next(sums) / next(sums).where(lambda x: x > 0)
+        mean.index = pd.Index(entry.log["steps"])
+        columns.append(mean[mean.index >= entry.settled])
     return pd.concat(columns, axis=1).dropna()
 
 
@@ -92,7 +101,8 @@ def figure_4(entries: Sequence[Entry], time_limit: str, out: Path) -> list[Path]
 
     Above the paper's: `paper-normalised` mean distance, the mean over seeds and their standard
     deviation. It rescales each controller by itself and compares none with another. Below, what
-    may be compared: closed fraction and success, with 95 % intervals over seeds.
+    may be compared: closed fraction and success, with 95 % intervals over seeds. Grey lines: the
+    same of a controller that does nothing, and what physics allows to close.
 
     Raises:
         InputError: no tests with this time limit.
@@ -111,7 +121,9 @@ def figure_4(entries: Sequence[Entry], time_limit: str, out: Path) -> list[Path]
         grid = figure.subplots(len(rows), len(lengths), sharex=True, sharey="row", squeeze=False)
         for panels, (measure, title) in zip(grid, rows, strict=True):
             for panel, length in zip(panels, lengths, strict=True):
-                _zero_shot_panel(panel, table[table["length"] == length], measure)
+                own = table[table["length"] == length]
+                _zero_shot_panel(panel, own, measure)
+                _bounds(panel, own, measure)
                 _threshold(panel, int(length))
             panels[0].set_ylabel(title)
         for panel, length in zip(grid[0], lengths, strict=True):
@@ -137,6 +149,20 @@ def _zero_shot_panel(panel: Axes, table: Any, measure: str) -> None:
         )  # fmt: skip
     panel.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=" %"))
     panel.grid(axis="y", color="#dddddd", linewidth=0.6)
+
+
+def _bounds(panel: Axes, table: Any, measure: str) -> None:
+    """What doing nothing gives, by the paper's measure; what physics allows, by ours."""
+    known = table.groupby("at")[["start_distance", "reachable"]].mean()
+    if measure == "paper_normalised" and len(known) > 1:
+        idle = paper_normalised(known["start_distance"].to_numpy())
+        panel.plot(known.index, idle, label="does nothing", color=GREY, linestyle="-", zorder=1)
+    if measure == "closed_fraction":
+        panel.plot(known.index, known["reachable"], color=GREY, linestyle="-", zorder=1)
+        panel.annotate(
+            "what physics allows", (known.index[-1], known["reachable"].iloc[-1]), (0, 4),
+            textcoords="offset points", ha="right", va="bottom", color=GREY, fontsize="small",
+        )  # fmt: skip
 
 
 def interval_half(deviation: np.ndarray, seeds: int) -> np.ndarray:

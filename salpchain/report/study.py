@@ -10,6 +10,7 @@ import pandas as pd
 from salpchain.evaluation.statistics import paper_normalised
 
 HELD = 0.9  # of the distance closed: the paper's threshold
+LEAST = 0.01  # mean closed fraction under which it is taken for nothing (chosen)
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Entry:
     seed: int
     log: pd.DataFrame  # metrics.csv
     tests: dict[str, dict[str, Any]]  # evaluation.json by time limit
+    settled: int = 0  # chain-steps after which every chain's first episode has ended
 
     @property
     def name(self) -> str:
@@ -30,13 +32,17 @@ class Entry:
 
 
 def episode_return(log: Any) -> pd.Series:
-    """Mean return of an episode in each rollout, by the paper's reward: distance closed, and goal.
+    """Mean return of the episodes that ended in each rollout, by the paper's reward.
 
-    NaN for a rollout in which no episode ended.
+    1 for the goal, and the distance closed (m): the closed fraction, times what a whole one is
+    worth over the run. NaN for a rollout in which no episode ended.
     """
     batch = log["steps"].diff().fillna(log["steps"].iloc[0])
-    total = (log["reward_approach"] + log["reward_goal"]) * batch
-    return total / log["episodes"].where(log["episodes"] > 0)
+    ended = log["episodes"] > 0
+    metres = float((log["reward_approach"] * batch).sum())
+    closed = float((log["closed_fraction"] * log["episodes"])[ended].sum())
+    whole = metres / closed if closed > LEAST * log["episodes"].sum() else 0.0
+    return (log["success"] + whole * log["closed_fraction"]).where(ended)
 
 
 def zero_shot_table(entries: Sequence[Entry], time_limit: str) -> pd.DataFrame:
@@ -62,6 +68,8 @@ def zero_shot_table(entries: Sequence[Entry], time_limit: str) -> pd.DataFrame:
                     "closed_fraction": own["closed_fraction"]["mean"],
                     "final_distance": own["final_distance"]["mean"],
                     "paper_normalised": share,
+                    "reachable": own["reachable"]["mean"],
+                    "start_distance": own["start_distance"]["mean"],
                 }
             )
     return pd.DataFrame(rows)

@@ -8,7 +8,7 @@ import pytest
 
 from salpchain.report.claims import facts, judge, success_at_end
 from salpchain.report.pages import Report, Table, write_report
-from salpchain.report.paper_figures import figure_3, figure_4, interval_half
+from salpchain.report.paper_figures import figure_3, figure_4, interval_half, normalised_curves
 from salpchain.report.reference import AT, FIGURE_3, FIGURE_4, beside_figure_3, beside_figure_4
 from salpchain.report.study import HELD, Entry, breakpoint_of, episode_return, zero_shot_table
 
@@ -25,8 +25,8 @@ def log(success, rollouts=40):
             "steps": 100 * np.arange(1, rollouts + 1),
             "episodes": 10,
             "success": [*rise, *[success] * 4],
+            "closed_fraction": [*rise, *[success] * 4],
             "reward_approach": 0.01,
-            "reward_goal": 0.02,
         }
     )
 
@@ -47,6 +47,8 @@ def zero_shot_of(knee):
                 "success": {"mean": held},
                 "closed_fraction": {"mean": held},
                 "final_distance": {"mean": 1.0 - held},
+                "reachable": {"mean": 1.0},
+                "start_distance": {"mean": 0.1 * at},
             }
         )
     return {"lengths": rows}
@@ -86,6 +88,11 @@ def test_a_claim_about_training_falls_with_its_numbers(changed, claim):
     assert [held for text, held in found.items() if claim in text] == [False]
 
 
+def test_a_lead_of_less_than_a_point_tells_nothing():
+    found = verdicts(entries({**PAPER, "mlp": 0.965}))
+    assert [held for text, held in found.items() if "trains best" in text] == [None]
+
+
 def test_the_breakpoint_claim_falls_when_controllers_break_down_earlier():
     found = verdicts(entries(PAPER, knee=8))
     assert [held for text, held in found.items() if "twice" in text] == [False]
@@ -113,9 +120,30 @@ def test_success_at_the_end_is_that_of_the_last_tenth():
     assert np.isnan(success_at_end(table))
 
 
-def test_a_return_is_the_sum_of_an_episodes_rewards():
-    """100 steps a rollout, 0.03 a step, 10 episodes: 0.3 for each."""
-    assert episode_return(log(1.0)).to_numpy() == pytest.approx(0.3)
+def test_a_return_is_the_goal_and_the_metres_closed():
+    """100 steps a rollout that close 0.01 m each, by 10 episodes: a whole one is worth 2 m."""
+    table = log(1.0)
+    table["closed_fraction"], table["success"] = 0.05, 0.5
+    assert episode_return(table).to_numpy() == pytest.approx(0.5 + 2.0 * 0.05)
+    table["closed_fraction"] = 0.0  # nothing closed: nothing to tell what a whole one is worth
+    assert episode_return(table).to_numpy() == pytest.approx(0.5)
+    table.loc[3, "episodes"] = 0
+    assert np.isnan(episode_return(table)[3])
+
+
+def test_a_learning_curve_counts_each_episode_once_from_when_all_have_had_one():
+    """The few that end first are the quick ones, and would make the start look best."""
+    table = log(0.2)
+    table["closed_fraction"] = 0.0
+    table["success"], table["episodes"] = 0.2, 10
+    table.loc[:2, ["success", "episodes"]] = 1.0, 1
+    made = [Entry("mlp", "", 8, 0, table, {}, settled) for settled in (0, 1000)]
+    early, fair = (normalised_curves([entry])["mlp"] for entry in made)
+    assert early.index[0] == 100 and fair.index[0] == 1000
+    assert float(early.iloc[0, 0]) == 1.0
+    window = [(3 + 5 * 10 * 0.2) / 53, 0.2]  # at step 800, 8 rollouts; at the end, 0.2 in all
+    smooth = normalised_curves([made[0]])["mlp"][0]
+    assert smooth[800] == pytest.approx((window[0] - 0.2) / 0.8, abs=1e-6)
 
 
 def test_a_breakpoint_is_the_last_length_before_the_first_below_90_percent():
