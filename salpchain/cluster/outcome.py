@@ -16,14 +16,19 @@ from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import read_json, write_json, write_text
+from salpchain.report.beside import beside_figure_3, beside_figure_4
 from salpchain.report.claims import Claim, facts, judge
 from salpchain.report.pages import Report, Table, write_report
 from salpchain.report.paper_figures import figure_3, figure_4
-from salpchain.report.reference import beside_figure_3, beside_figure_4
 from salpchain.report.study import Entry, breakpoint_of, zero_shot_table
 from salpchain.training.run_folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 
 REPORT = "report"
+BARS = (
+    "Mean over seeds; bars: in the top row the standard deviation over seeds, below 95 % intervals"
+    " over seeds (of one seed, over its trials). Dotted: the paper's 90 %. Dashed: the training"
+    " length. Grey: a controller that does nothing, what physics allows, and hand-written greedy."
+)
 PAPER_LIMIT = "fixed"  # the paper's time limit, by which its claims are judged
 
 
@@ -36,8 +41,8 @@ def write_outcome(folder: Path, grid: Grid) -> Path:
     entries = [_entry(folder, job) for job in grid.jobs() if is_trained(folder, job)]
     if not entries:
         raise InputError(f"{folder} has no whole run yet")
-    limit = PAPER_LIMIT if PAPER_LIMIT in grid.time_limits else grid.time_limits[0]
-    claims = judge(facts(entries, limit))
+    paper_limit = PAPER_LIMIT if PAPER_LIMIT in grid.time_limits else grid.time_limits[0]
+    claims = judge(facts(entries, paper_limit))
     place = folder / REPORT
     place.mkdir(exist_ok=True)
     training = _training(folder, grid)
@@ -51,9 +56,12 @@ def write_outcome(folder: Path, grid: Grid) -> Path:
         _training_page(training),
         *(_reach_page(entries, t) for t in grid.time_limits),
         beside_figure_3(entries),
-        *([beside_figure_4(entries, PAPER_LIMIT)] if _has_tests(entries, PAPER_LIMIT) else []),
+        *([beside_figure_4(entries, paper_limit)] if _has_tests(entries, paper_limit) else []),
     ]
-    report = Report("The paper, repeated", about, claims, tables, _draw(entries, grid, place))
+    tables = [table for table in tables if table.rows]
+    report = Report(
+        "The paper, repeated", about, claims, tables, _draw(folder, entries, grid, place)
+    )
     return write_report(report, place)[1]
 
 
@@ -129,13 +137,17 @@ def _record(grid: Grid, training: Any, claims: Sequence[Claim]) -> dict[str, Any
     }
 
 
-def _draw(entries: Sequence[Entry], grid: Grid, place: Path) -> dict[str, Path]:
-    caption = "Figure 3: learning curves, mean over seeds and its standard error"
-    drawn = {caption: figure_3(entries, place / "figure-3.png")[0]}
+def _draw(folder: Path, entries: Sequence[Entry], grid: Grid, place: Path) -> dict[str, Path]:
+    """The figures, by what is written below them."""
+    curves = "Figure 3: learning curves, normalised in each panel, mean over seeds ± standard error"
+    drawn = {curves: figure_3(entries, place / "figure-3.png")[0]}
     for limit in grid.time_limits:
         if _has_tests(entries, limit):
-            caption = f"Figure 4: zero-shot tests, {limit} time limit"
-            drawn[caption] = figure_4(entries, limit, place / f"figure-4-{limit}.png")[0]
+            tests = folder / "greedy" / limit / TESTS_FILE
+            baseline = read_json(tests) if tests.exists() else None
+            caption = f"Figure 4: zero-shot tests, {limit} time limit. {BARS}"
+            path = place / f"figure-4-{limit}.png"
+            drawn[caption] = figure_4(entries, limit, path, baseline)[0]
     return drawn
 
 
@@ -153,9 +165,11 @@ def _about(grid: Grid, done: int, training: Any) -> list[str]:
         f"Preset {grid.preset}; controllers {', '.join(grid.models)}; training lengths"
         f" {', '.join(map(str, grid.lengths))}; {grid.seeds} seeds; {grid.trials} trials for each"
         f" test length. {whole} Trainings took {hours:.1f} hours in all, on: {devices}.",
-        "The claims are judged by the paper's time limit. `paper-normalised` rescales each"
-        " controller by its own best and worst length, as the paper does: it shows where a"
-        " controller breaks down, and compares none with another.",
+        "The claims are judged by the paper's time limit, under which long chains cannot reach all"
+        " targets even at top speed: Figure 4 shows what physics allows.",
+        "`paper-normalised` rescales each controller by its own best and worst length, as the paper"
+        " does: it shows where a controller breaks down, and compares none with another. One that"
+        " does nothing at all falls along the grey line.",
     ]
 
 

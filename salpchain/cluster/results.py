@@ -7,6 +7,7 @@ FOLDER/greedy/fixed/                         the same of the baseline
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from salpchain.files import read_arrays, read_json
 from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.run_folder import METRICS_FILE, SUMMARY_FILE, is_free, read_config, read_log
 
+READ_OF_TESTS = ("success", "closed_fraction", "final_distance", "reachable", "start_distance")
 SET_ASIDE = ".damaged"
 ANY_VERSION = 10**6
 TAIL = 4096  # bytes from the end of a log in which its last row is looked for (chosen)
@@ -67,24 +69,28 @@ def set_damaged_aside(folder: Path, grid: Grid) -> list[str]:
     found = []
     for job in grid.jobs():
         run = run_of(folder, job)
-        found += _tests_aside(run, tuple(job.tests))
+        found += _tests_aside(run, job.tests, grid.trials)
         tested = not untested(folder, job)
-        wrong = _wrong(lambda run=run, job=job, tested=tested: _check_run(run, job, tested))
+        wrong = _wrong(partial(_check_run, run, job, tested))
         found += [_set_aside(run, wrong)] if wrong else []
-    return found + _tests_aside(folder / "greedy", grid.time_limits)
+    baseline = dict.fromkeys(grid.time_limits, grid.tests)
+    return found + _tests_aside(folder / "greedy", baseline, grid.trials)
 
 
-def _tests_aside(place: Path, time_limits: Sequence[str]) -> list[str]:
-    files = [place / limit / TESTS_FILE for limit in time_limits]
-    wrong = {path: _wrong(lambda path=path: _check_tests(path)) for path in files}
-    return [_set_aside(path.parent, text) for path, text in wrong.items() if text]
+def _tests_aside(place: Path, tests: dict[str, tuple[int, ...]], trials: int) -> list[str]:
+    found = []
+    for limit, lengths in tests.items():
+        path = place / limit / TESTS_FILE
+        wrong = _wrong(partial(_check_tests, path, lengths, trials, limit))
+        found += [_set_aside(path.parent, wrong)] if wrong else []
+    return found
 
 
 def _wrong(check: Callable[[], None]) -> str:
     """What a check finds wrong; nothing if it passes."""
     try:
         check()
-    except InputError as error:
+    except (InputError, OSError) as error:
         return str(error)
     return ""
 
@@ -100,7 +106,7 @@ def _check_run(run: Path, job: Job, tested: bool) -> None:
     """Of a run that has begun every file that it still needs.
 
     Its checkpoint while it trains, its policy until it is tested: a study can be kept, and gone on
-    with elsewhere, without the weights of what is done.
+    with elsewhere, without the weights of what is done, and nothing is done again for their sake.
     """
     if is_free(run):
         return
@@ -109,13 +115,14 @@ def _check_run(run: Path, job: Job, tested: bool) -> None:
     whole, checkpoint = (run / SUMMARY_FILE).exists(), run / CHECKPOINT_FILE
     come = job.config.iterations if whole else 0
     if whole:
-        _check_keys(run / SUMMARY_FILE, {"steps", "seconds", "success"})
-    if (run / POLICY_FILE).exists() or (whole and not tested):
+        _check_summary(run / SUMMARY_FILE)
+    done = whole and tested
+    if not done and (whole or (run / POLICY_FILE).exists()):
         _check_arrays(run / POLICY_FILE, "policy")
-    if checkpoint.exists():
+    if not done and checkpoint.exists():
         come = max(come, _check_arrays(checkpoint, "checkpoint").get("iteration", 0))
     if come:
-        rows = [int(row["iteration"]) for row in read_log(run)]
+        rows = [int(row["iteration"]) for row in read_log(run, remedy="")]
         if rows[:come] != list(range(1, come + 1)):
             raise InputError(f"{run / METRICS_FILE} is cut short: it should have {come} rows")
 
@@ -127,21 +134,42 @@ def _check_arrays(path: Path, kind: str) -> dict[str, Any]:
     return header
 
 
-def _check_keys(path: Path, needed: set[str]) -> dict[str, Any]:
+def _check_summary(path: Path) -> None:
     content = read_json(path)
-    missing = needed - content.keys() if isinstance(content, dict) else needed
-    if missing:
-        raise InputError(f"{path} is not what it should be: it has no {sorted(missing)[0]!r}")
-    return content
+    content = content if isinstance(content, dict) else {}
+    for name in ("steps", "seconds"):
+        if not _is_number(content.get(name)):
+            raise _odd(path, f"it has no number {name!r}")
+    success = content.get("success", path)
+    if success is not None and not _is_number(success):  # no episode may have ended
+        raise _odd(path, "it has no number 'success'")
 
 
-def _check_tests(path: Path) -> None:
+def _check_tests(path: Path, lengths: Sequence[int], trials: int, limit: str) -> None:
+    """Of tests that were begun: that they are those of the grid, whole, with all that is read."""
     if not path.exists():
         return
-    lengths = _check_keys(path, {"lengths"})["lengths"]
-    needed = {"length", "success", "closed_fraction", "final_distance"}
-    if not (
-        isinstance(lengths, list)
-        and all(isinstance(own, dict) and needed <= own.keys() for own in lengths)
-    ):
-        raise InputError(f"{path} is not what it should be: each length needs {sorted(needed)}")
+    content = read_json(path)
+    rows = content.get("lengths") if isinstance(content, dict) else None
+    if not (isinstance(rows, list) and all(isinstance(row, dict) for row in rows)):
+        raise _odd(path, "it has no list 'lengths'")
+    found = [row.get("length") for row in rows]
+    if found != sorted(lengths):
+        raise _odd(path, f"it tests lengths {found}, the study {sorted(lengths)}")
+    if content.get("time_limit") != limit:
+        raise _odd(path, f"its time limit is {content.get('time_limit')!r}, not {limit!r}")
+    for row in rows:
+        if row.get("trials") != trials:
+            raise _odd(path, f"it has {row.get('trials')} trials, the study {trials}")
+        for name in READ_OF_TESTS:
+            value = row.get(name)
+            if not (isinstance(value, dict) and _is_number(value.get("mean"))):
+                raise _odd(path, f"its length {row['length']} has no mean {name!r}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _odd(path: Path, why: str) -> InputError:
+    return InputError(f"{path} is not what it should be: {why}")

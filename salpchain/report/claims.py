@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from salpchain.report.reference import AT, FIGURE_3, FIGURE_4
 from salpchain.report.study import HELD, Entry, breakpoint_of, zero_shot_table
 
 LAST = 0.1  # share of a training over which its end is averaged (chosen)
 TIE = 0.01  # lead in success that tells nothing (chosen)
 CLOSE = 0.05  # difference in success that counts as none (chosen)
 LINEAR = 0.98  # squared correlation from which a decay counts as linear (chosen)
+BEST = ("gt mixed", "gt full", "gcn mixed", "gatv2 mixed")  # the paper's best performers
 FEWEST = 4  # lengths beyond a breakpoint that say whether a decay is linear (chosen)
 
 
@@ -31,15 +33,32 @@ class Claim:
 class Facts:
     """What claims are judged by."""
 
-    trained: pd.DataFrame  # rows: length; columns: controller; success at the end of training
+    trained: pd.DataFrame  # rows: length, controller, seed, success at the end of training
     tests: pd.DataFrame  # zero_shot_table with the paper's time limit
 
+    @property
+    def lengths(self) -> list[int]:
+        """Training lengths, ascending."""
+        return sorted(int(length) for length in self.trained["length"].unique())
+
+    def names(self, length: int) -> list[str]:
+        """Controllers that were trained on this length."""
+        own: Any = self.trained[self.trained["length"] == length]
+        return list(own["controller"].unique())
+
     def success(self, name: str, length: int) -> float | None:
-        """At the end of training, the mean over seeds; None if there is no such run."""
-        if name not in self.trained.columns or length not in self.trained.index:
-            return None
-        value = float(self.trained.loc[length, name])  # type: ignore[arg-type]
+        """At the end of training, the mean over seeds; None if there is no such number."""
+        value = float(self._of(name, length).mean())
         return None if np.isnan(value) else value
+
+    def error(self, name: str, length: int) -> float | None:
+        """Standard error of that mean; None with fewer than two seeds."""
+        values = self._of(name, length).dropna()
+        return float(values.sem()) if len(values) > 1 else None
+
+    def _of(self, name: str, length: int) -> Any:
+        table: Any = self.trained
+        return table[(table["length"] == length) & (table["controller"] == name)]["success"]
 
     def curve(self, name: str, length: int) -> Any:
         """The zero-shot rows of a controller that was trained on this length."""
@@ -47,16 +66,25 @@ class Facts:
             return self.tests
         return self.tests[(self.tests.controller == name) & (self.tests.length == length)]
 
+    def curves(self, length: int) -> dict[str, Any]:
+        """Those of the paper's best performers that were trained on this length and tested."""
+        curves = {name: self.curve(name, length) for name in BEST}
+        return {name: curve for name, curve in curves.items() if len(curve)}
+
 
 def facts(entries: Sequence[Entry], time_limit: str) -> Facts:
     """Of all runs, the tests with one time limit."""
     rows = [
-        {"length": e.length, "controller": e.name, "success": success_at_end(e.log)}
-        for e in entries
+        {
+            "length": entry.length,
+            "controller": entry.name,
+            "seed": entry.seed,
+            "success": success_at_end(entry.log),
+        }
+        for entry in entries
     ]
-    trained = pd.DataFrame(rows).pivot_table(index="length", columns="controller", values="success")
     graphs = [entry for entry in entries if entry.model != "mlp"]
-    return Facts(trained, zero_shot_table(graphs, time_limit))
+    return Facts(pd.DataFrame(rows), zero_shot_table(graphs, time_limit))
 
 
 def success_at_end(log: pd.DataFrame) -> float:
@@ -78,7 +106,7 @@ def judge(known: Facts) -> list[Claim]:
         breakpoint_at_twice,
         decay_is_linear,
     ]
-    lengths = [int(length) for length in known.trained.index]
+    lengths = known.lengths
     claims = [make(known, length) for make in makers for length in lengths]
     return [*claims, *longer_training_serves_shorter_chains(known, lengths)]
 
@@ -88,19 +116,27 @@ def _percent(value: float | None) -> str:
 
 
 def _listed(known: Facts, names: Sequence[str], length: int) -> str:
-    return ", ".join(f"{name} {_percent(known.success(name, length))}" for name in names)
+    """Success of each with its standard error, then what the paper's figure has for them."""
+    ours = ", ".join(f"{name} {_trained(known, name, length)}" for name in names)
+    theirs = FIGURE_3.get(length, {})
+    if not all(name in theirs for name in names):
+        return ours
+    return f"{ours}; reward in the paper: {', '.join(f'{theirs[name]:g}' for name in names)}"
+
+
+def _trained(known: Facts, name: str, length: int) -> str:
+    error = known.error(name, length)
+    return _percent(known.success(name, length)) + (f" ± {100 * error:.1f}" if error else "")
 
 
 def transformers_train_best(known: Facts, length: int) -> Claim:
     """Section 5.1."""
-    names = [str(name) for name in known.trained.columns]
-    values = {n: v for n in names if (v := known.success(n, length)) is not None}
+    values = {n: v for n in known.names(length) if (v := known.success(n, length)) is not None}
     ranked = sorted(values, key=lambda n: -values[n])
     held = None
     if {"gt mixed", "gt full"} <= values.keys() and len(values) > 2:
         others = max(v for n, v in values.items() if not n.startswith("gt "))
-        lead = min(values["gt mixed"], values["gt full"]) - others
-        held = lead > 0 if abs(lead) > TIE else None
+        held = _ahead(min(values["gt mixed"], values["gt full"]), others)
     return Claim(
         f"{length} units: the graph transformer trains best, on both graphs",
         "section 5.1, Figure 3",
@@ -108,6 +144,11 @@ def transformers_train_best(known: Facts, length: int) -> Claim:
         f"success at the end of training: {_listed(known, ranked, length)} (a lead of less than"
         f" {100 * TIE:.0f} point tells nothing)",
     )
+
+
+def _ahead(one: float, other: float) -> bool | None:
+    """Whether one success is above the other; None where the lead tells nothing."""
+    return one > other if abs(one - other) > TIE else None
 
 
 def simple_models_on_mixed_come_close(known: Facts, length: int) -> Claim:
@@ -126,18 +167,20 @@ def simple_models_on_mixed_come_close(known: Facts, length: int) -> Claim:
 
 
 def full_hurts_simple_models(known: Facts, length: int) -> Claim:
-    """Section 5.1: oversmoothing."""
+    """Section 5.1: oversmoothing. In the paper they may equal themselves on mixed."""
     names = ["gcn mixed", "gcn full", "gatv2 mixed", "gatv2 full", "mlp"]
     values = {name: known.success(name, length) for name in names}
     held = None
     if None not in values.values():
         number = {name: value or 0.0 for name, value in values.items()}
-        held = all(
-            number[f"{model} full"] < min(number[f"{model} mixed"], number["mlp"])
-            for model in ("gcn", "gatv2")
-        )
+        behind = [_ahead(number["mlp"], number[f"{model} full"]) for model in ("gcn", "gatv2")]
+        above = [
+            _ahead(number[f"{model} full"], number[f"{model} mixed"]) for model in ("gcn", "gatv2")
+        ]
+        held = all(behind) and True not in above
     return Claim(
-        f"{length} units: on full, gcn and gatv2 fall behind themselves on mixed and the mlp",
+        f"{length} units: on full, gcn and gatv2 fall behind the mlp, and are no better than on"
+        " mixed",
         "section 5.1, Figure 3",
         held,
         _listed(known, names, length),
@@ -157,50 +200,57 @@ def transformer_minds_no_graph(known: Facts, length: int) -> Claim:
     )
 
 
-BEST = ("gt mixed", "gt full", "gcn mixed", "gatv2 mixed")  # the paper's best performers
-
-
 def breakpoint_at_twice(known: Facts, length: int) -> Claim:
-    """Section 5.2."""
-    ends = {}
-    for name in BEST:
-        curve = known.curve(name, length)
-        if not curve.empty:
-            ends[name] = (
-                breakpoint_of(curve, "paper_normalised"),
-                breakpoint_of(curve, "closed_fraction"),
-            )
+    """Section 5.2; needed is what the paper's own curves do by this rule, where it is less."""
+    curves, theirs = known.curves(length), _papers_breakpoints(length)
+    ends = {
+        name: tuple(breakpoint_of(curve, m) or 0 for m in ("paper_normalised", "closed_fraction"))
+        for name, curve in curves.items()
+    }
+    needed = min([2 * length, *theirs.values()])
+    tested = all(curve["at"].max() >= 2 * length for curve in curves.values())
     held = None
-    if ends:
-        held = all(end[0] is not None and end[0] >= 2 * length for end in ends.values())
-    parts = [f"{name} {a or 'none'} ({b or 'none'} units)" for name, (a, b) in ends.items()]
+    if len(curves) == len(BEST) and tested:
+        held = all(end[0] >= needed for end in ends.values())
+    parts = [
+        f"{name} {a or 'none'} ({b or 'none'}; the paper {theirs.get(name, '-')})"
+        for name, (a, b) in ends.items()
+    ]
     return Claim(
         f"trained on {length} units, the best controllers keep 90 % up to twice that",
         "section 5.2, Figure 4",
         held,
-        "largest length, paper-normalised (by the share of the distance closed): "
-        + (", ".join(parts) or "no tests"),
+        f"largest length by paper-normalised distance, {needed} needed (by the share of the"
+        " distance closed; the paper's own curve): " + (", ".join(parts) or "no tests"),
     )
+
+
+def _papers_breakpoints(length: int) -> dict[str, int]:
+    """The last length before the first at which each of the paper's curves is below 90 %."""
+    curves = FIGURE_4.get(length, {})
+    below = {
+        name: [at for at, value in zip(AT, curves[name], strict=True) if value < HELD]
+        for name in BEST
+        if name in curves
+    }
+    return {name: max(at for at in AT if at < min(some)) for name, some in below.items()}
 
 
 def decay_is_linear(known: Facts, length: int) -> Claim:
     """Section 5.2."""
     fits = {}
-    for name in BEST:
-        curve = known.curve(name, length)
-        if curve.empty:
-            continue
+    for name, curve in known.curves(length).items():
         mean: Any = curve.groupby("at")["paper_normalised"].mean()
         last = breakpoint_of(curve, "paper_normalised") or 0
         beyond = mean[mean.index >= last]
         if len(beyond) >= FEWEST:
-            fits[name] = float(np.corrcoef(beyond.index, beyond)[0, 1] ** 2)
-    held = all(fit >= LINEAR for fit in fits.values()) if fits else None
-    parts = [f"{name} {fit:.3f}" for name, fit in fits.items()]
+            fits[name] = float(np.corrcoef(beyond.index, beyond)[0, 1])
+    held = all(fit**2 >= LINEAR and fit < 0 for fit in fits.values()) if fits else None
+    parts = [f"{name} {fit**2:.3f}{' (rising)' if fit > 0 else ''}" for name, fit in fits.items()]
     return Claim(
         f"trained on {length} units, performance decays linearly beyond the breakpoint",
         "section 5.2, Figure 4",
-        held,
+        held if len(fits) == len(BEST) else None,
         f"squared correlation of paper-normalised distance and length (linear: {LINEAR} or more): "
         + (", ".join(parts) or f"fewer than {FEWEST} lengths beyond it"),
     )
@@ -211,18 +261,17 @@ def longer_training_serves_shorter_chains(known: Facts, lengths: Sequence[int]) 
     claims = []
     for short, long in pairwise(lengths):
         parts, fine = [], []
-        for name in BEST:
-            curve = known.curve(name, long)
-            rows = curve[curve["at"] <= long] if len(curve) else curve
+        for name, curve in known.curves(long).items():
+            rows = curve[curve["at"] <= long]
             if len(rows):
-                least = rows.groupby("at")["closed_fraction"].mean().min()
-                parts.append(f"{name} {_percent(float(least))}")
+                least = float(rows.groupby("at")["closed_fraction"].mean().min())
+                parts.append(f"{name} {_percent(least)}")
                 fine.append(least >= HELD)
         claims.append(
             Claim(
                 f"trained on {long} units, the best controllers serve shorter chains too",
                 "section 5.2, Figure 4",
-                all(fine) if fine else None,
+                all(fine) if len(fine) == len(BEST) else None,
                 f"least share of the distance closed at any length up to {long} (trained on"
                 f" {short}: see above): " + (", ".join(parts) or "no tests"),
             )

@@ -2,6 +2,7 @@
 
 import base64
 import html
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +10,8 @@ from pathlib import Path
 from salpchain.files import write_text
 from salpchain.report.claims import Claim
 
+# A cell that holds a number: with a unit, a spread or one beside it at the most.
+NUMBER = re.compile(r"-|-?[\d.,]+( %| min)?( \([^)]*\))?|(-|[\d.]+) / (-|[\d.]+)")
 VERDICTS = {True: "held", False: "did not hold", None: "cannot tell"}
 LOOK = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; }
@@ -102,7 +105,7 @@ def _html_table(table: Table) -> str:
 
 def _cell(text: str) -> str:
     kinds = {VERDICTS[True]: "held", VERDICTS[False]: "not", VERDICTS[None]: "unknown"}
-    number = text[:1].isdigit() or text == "-"
+    number = bool(NUMBER.fullmatch(text))
     kind = kinds.get(text, "number" if number else "")
     inside = html.escape(text)
     return f'<td class="{kind}">{inside}</td>' if kind else f"<td>{inside}</td>"

@@ -63,7 +63,10 @@ def normalised_curves(entries: Sequence[Entry]) -> dict[str, pd.DataFrame]:
 
 def _learning_panel(panel: Axes, entries: Sequence[Entry]) -> None:
     curves = normalised_curves(entries)
-    if not curves:  # no episode has ended yet
+    if not curves:
+        panel.text(
+            0.5, 0.5, "no episode has ended yet", color=GREY, ha="center", transform=panel.transAxes
+        )
         return
     for name, seeds in curves.items():
         steps, mean = seeds.index.to_numpy(float) / 1e6, seeds.mean(axis=1)
@@ -87,22 +90,27 @@ def _smooth(entries: Sequence[Entry]) -> pd.DataFrame:
     columns = []
     for entry in entries:
         window = max(1, min(WINDOW, len(entry.log) // 5))
-        episodes = entry.log["episodes"]
-        total = (episode_return(entry.log) * episodes).fillna(0.0)
-        sums = (x.rolling(window, min_periods=1).sum() for x in (total, episodes))
-        mean = next(sums) / next(sums).where(lambda x: x > 0)
-        mean.index = pd.Index(entry.log["steps"])
+        log: Any = entry.log.set_index("steps", drop=False)
+        total = (episode_return(log) * log["episodes"]).fillna(0.0)
+        total, ended = (x.rolling(window, min_periods=1).sum() for x in (total, log["episodes"]))
+        mean = total / ended.where(ended > 0)
         columns.append(mean[mean.index >= entry.settled])
     return pd.concat(columns, axis=1).dropna()
 
 
-def figure_4(entries: Sequence[Entry], time_limit: str, out: Path) -> list[Path]:
+def figure_4(
+    entries: Sequence[Entry],
+    time_limit: str,
+    out: Path,
+    baseline: dict[str, Any] | None = None,
+) -> list[Path]:
     """Zero-shot curves, a column for each training length.
 
     Above the paper's: `paper-normalised` mean distance, the mean over seeds and their standard
     deviation. It rescales each controller by itself and compares none with another. Below, what
-    may be compared: closed fraction and success, with 95 % intervals over seeds. Grey lines: the
-    same of a controller that does nothing, and what physics allows to close.
+    may be compared: closed fraction and success, with 95 % intervals over seeds (of one seed, over
+    its trials). Grey: the same of a controller that does nothing, what physics allows, and the
+    hand-written `baseline`, where its tests (evaluation.json) are given.
 
     Raises:
         InputError: no tests with this time limit.
@@ -124,6 +132,7 @@ def figure_4(entries: Sequence[Entry], time_limit: str, out: Path) -> list[Path]
                 own = table[table["length"] == length]
                 _zero_shot_panel(panel, own, measure)
                 _bounds(panel, own, measure)
+                _baseline(panel, baseline, measure)
                 _threshold(panel, int(length))
             panels[0].set_ylabel(title)
         for panel, length in zip(grid[0], lengths, strict=True):
@@ -131,24 +140,43 @@ def figure_4(entries: Sequence[Entry], time_limit: str, out: Path) -> list[Path]
         for panel in grid[-1]:
             panel.set_xlabel("length (units)")
             panel.xaxis.set_major_locator(MaxNLocator(9, integer=True, steps=[1, 2, 4, 8, 10]))
-        legend_below(figure, grid[0])
+        legend_below(figure, grid.ravel())
         return save(figure, out)
 
 
 def _zero_shot_panel(panel: Axes, table: Any, measure: str) -> None:
     for name in (n for n in ORDER if n in set(table["controller"])):
-        own = table[table["controller"] == name].pivot(index="at", columns="seed", values=measure)
-        mean, seeds = own.mean(axis=1), own.shape[1]
-        error = own.std(axis=1, ddof=1).fillna(0.0)
-        if measure != "paper_normalised":
-            error = interval_half(error.to_numpy(), seeds)
+        some = table[table["controller"] == name]
+        mean = some.groupby("at")[measure].mean()
         colour, marker, dashes = LOOK[name]
         panel.errorbar(
-            own.index, mean, error, color=colour, marker=marker, linestyle=dashes,
-            elinewidth=0.8, label=_label(name, seeds),
+            mean.index, mean, _error(some, measure), color=colour, marker=marker, linestyle=dashes,
+            elinewidth=0.8, label=_label(name, some["seed"].nunique()),
         )  # fmt: skip
     panel.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=" %"))
+    panel.set_ylim(-0.04, 1.06)
     panel.grid(axis="y", color="#dddddd", linewidth=0.6)
+
+
+def _error(table: Any, measure: str) -> np.ndarray:
+    """What the bars of a controller reach down and up, (2, length)."""
+    own = table.pivot(index="at", columns="seed", values=measure)
+    deviation = own.std(axis=1, ddof=1).fillna(0.0).to_numpy()
+    if measure == "paper_normalised":
+        return np.stack([deviation, deviation])
+    if own.shape[1] == 1:
+        row = table.sort_values("at")
+        ends = row[measure] - row[f"{measure}_low"], row[f"{measure}_high"] - row[measure]
+        return np.stack([end.fillna(0.0).clip(lower=0.0).to_numpy() for end in ends])
+    half = interval_half(deviation, own.shape[1])
+    return np.stack([half, half])
+
+
+def _baseline(panel: Axes, tests: dict[str, Any] | None, measure: str) -> None:
+    if tests and measure in ("closed_fraction", "success"):
+        at = [row["length"] for row in tests["lengths"]]
+        mean = [row[measure]["mean"] for row in tests["lengths"]]
+        panel.plot(at, mean, label="greedy", color=GREY, linestyle=(0, (6, 2, 1, 2)), zorder=1)
 
 
 def _bounds(panel: Axes, table: Any, measure: str) -> None:
@@ -158,10 +186,10 @@ def _bounds(panel: Axes, table: Any, measure: str) -> None:
         idle = paper_normalised(known["start_distance"].to_numpy())
         panel.plot(known.index, idle, label="does nothing", color=GREY, linestyle="-", zorder=1)
     if measure == "closed_fraction":
-        panel.plot(known.index, known["reachable"], color=GREY, linestyle="-", zorder=1)
-        panel.annotate(
-            "what physics allows", (known.index[-1], known["reachable"].iloc[-1]), (0, 4),
-            textcoords="offset points", ha="right", va="bottom", color=GREY, fontsize="small",
+        limit = known["reachable"]
+        panel.plot(
+            limit.index, limit, label="what physics allows", color=GREY, linestyle=(0, (3, 1)),
+            zorder=1,
         )  # fmt: skip
 
 

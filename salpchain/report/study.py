@@ -64,8 +64,8 @@ def zero_shot_table(entries: Sequence[Entry], time_limit: str) -> pd.DataFrame:
                     "seed": entry.seed,
                     "at": own["length"],
                     "trials": own["trials"],
-                    "success": own["success"]["mean"],
-                    "closed_fraction": own["closed_fraction"]["mean"],
+                    **_interval("success", own),
+                    **_interval("closed_fraction", own),
                     "final_distance": own["final_distance"]["mean"],
                     "paper_normalised": share,
                     "reachable": own["reachable"]["mean"],
@@ -73,6 +73,16 @@ def zero_shot_table(entries: Sequence[Entry], time_limit: str) -> pd.DataFrame:
                 }
             )
     return pd.DataFrame(rows)
+
+
+def _interval(measure: str, own: dict[str, Any]) -> dict[str, float | None]:
+    """Mean and 95 % interval over the trials of one length."""
+    value = own[measure]
+    return {
+        measure: value["mean"],
+        f"{measure}_low": value["low"],
+        f"{measure}_high": value["high"],
+    }
 
 
 def breakpoint_of(table: Any, measure: str) -> int | None:

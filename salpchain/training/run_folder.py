@@ -156,11 +156,11 @@ def _cell(value: int | float) -> str:
     return "" if value != value else f"{value:.7g}"
 
 
-def read_log(run: Path) -> list[dict[str, str]]:
+def read_log(run: Path, remedy: str = ": delete it to go on") -> list[dict[str, str]]:
     """The rows of a run's log; none where it has not begun. A last row cut short is left out.
 
     Raises:
-        InputError: it is no such log.
+        InputError: it is no such log; the message ends with the remedy.
     """
     path = run / METRICS_FILE
     if not path.exists():
@@ -174,7 +174,7 @@ def read_log(run: Path) -> list[dict[str, str]]:
                 raise ValueError(f"no column {sorted(missing)[0]!r}")
             _ = [float(cell or "nan") for cell in row.values()], int(row["iteration"])
     except (TypeError, ValueError, csv.Error) as error:
-        raise InputError(f"{path} is not a log of a run ({error}): delete it to go on") from None
+        raise InputError(f"{path} is not a log of a run ({error}){remedy}") from None
     return rows
 
 

@@ -19,7 +19,13 @@ from salpchain.training.run_folder import create
 
 GRID = Grid(models=("gcn",), graphs=("mixed",), lengths=(8,), seeds=2, steps=40960, tests=(4,))
 JOB, OTHER = GRID.jobs()
-TESTS = {"lengths": [{"length": 4, "success": {}, "closed_fraction": {}, "final_distance": {}}]}
+MEASURES = ("success", "closed_fraction", "final_distance", "reachable", "start_distance")
+
+
+def evaluation_of(limit, length=4, trials=GRID.trials, **changed):
+    """An evaluation.json of the study."""
+    row = {"length": length, "trials": trials, **{key: {"mean": 0.5} for key in MEASURES}}
+    return {"time_limit": limit, "lengths": [{**row, **changed}]}
 
 
 @pytest.fixture
@@ -31,7 +37,7 @@ def study(tmp_path):
         (run / "metrics.csv").write_text(log(job.config.iterations))
         for limit in job.tests:
             (run / limit).mkdir(parents=True)
-            (run / limit / "evaluation.json").write_text(json.dumps(TESTS))
+            (run / limit / "evaluation.json").write_text(json.dumps(evaluation_of(limit)))
         (run / "summary.json").write_text(json.dumps({"steps": 1, "seconds": 1, "success": 1}))
         for kind in ("policy", "checkpoint"):
             header = {"iteration": job.config.iterations}
@@ -51,14 +57,14 @@ def test_whole_results_are_left_alone(study):
     assert is_trained(study, JOB) and not untested(study, JOB)
 
 
-FILES = (
-    "summary.json", "policy.safetensors", "checkpoint.safetensors", "config.json", "metrics.csv",
-)  # fmt: skip
+WEIGHTS = ("policy.safetensors", "checkpoint.safetensors")
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", ["summary.json", "config.json", "metrics.csv", *WEIGHTS])
 def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
     run = run_of(study, JOB)
+    if name in WEIGHTS:  # which a run needs until it is tested
+        shutil.rmtree(run / "fixed")
     harmed = (run / name).read_bytes()[:-4]
     (run / name).write_bytes(harmed)
     [line] = set_damaged_aside(study, GRID)
@@ -70,7 +76,7 @@ def test_a_run_with_a_damaged_file_is_set_aside_whole(study, name):
 
 def test_a_study_is_whole_without_the_weights_of_what_is_done(study):
     for path in study.rglob("*.safetensors"):
-        path.unlink()
+        path.write_bytes(b"damaged") if "policy" in path.name else path.unlink()
     assert set_damaged_aside(study, GRID) == []
     assert is_trained(study, JOB) and not untested(study, JOB)
 
@@ -92,6 +98,7 @@ def test_a_whole_run_that_lacks_a_file_that_its_tests_need_is_set_aside(study, n
         ("metrics.csv", log(3)),
         ("metrics.csv", log(20).replace("reward_goal", "reward")),
         ("summary.json", '{"steps": 3}'),
+        ("summary.json", '{"steps": 3, "seconds": "abc", "success": 1}'),
     ],
 )
 def test_a_file_that_is_not_what_it_should_be_sets_its_run_aside(study, name, content):
@@ -119,7 +126,19 @@ def test_a_run_that_was_interrupted_is_left_to_go_on_as_far_as_its_log_tells(stu
     assert "metrics.csv" in line and not run.exists()
 
 
-@pytest.mark.parametrize("content", ["", "{}", '{"lengths": [{"length": 4}]}', '{"lengths": 3}'])
+ODD_TESTS = (
+    {},
+    {"lengths": 3},
+    {"lengths": []},
+    evaluation_of("fixed"),
+    evaluation_of("scaled", length=8),
+    evaluation_of("scaled", trials=1),
+    evaluation_of("scaled", success=0.5),
+    evaluation_of("scaled", final_distance={"mean": None}),
+)
+
+
+@pytest.mark.parametrize("content", ["", *map(json.dumps, ODD_TESTS)])
 def test_damaged_tests_are_set_aside_alone(study, content):
     place = run_of(study, JOB) / "scaled"
     (place / "evaluation.json").write_text(content)
@@ -127,6 +146,14 @@ def test_damaged_tests_are_set_aside_alone(study, content):
     assert "scaled" in line
     assert (place.with_name("scaled.damaged") / "evaluation.json").read_text() == content
     assert is_trained(study, JOB) and untested(study, JOB) == ["scaled"]
+
+
+def test_a_folder_in_place_of_a_file_is_set_aside(study):
+    place = run_of(study, JOB) / "scaled" / "evaluation.json"
+    place.unlink()
+    place.mkdir()
+    [line] = set_damaged_aside(study, GRID)
+    assert "scaled" in line and untested(study, JOB) == ["scaled"]
 
 
 def test_damage_done_twice_overwrites_nothing(study):
