@@ -1,12 +1,13 @@
 """`salpchain reproduce`."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, positive, text_option, whole
-from salpchain.cluster.grid import PAPER_TESTS, Grid, claim
+from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, check_folder, claim
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
@@ -34,7 +35,7 @@ class Reproduce:
     out: Folder = "study"
     """Folder of the study; new, empty, or one that this command began."""
     preset: Name = "quick"
-    """quick (ours: minutes for each run) or paper (the paper's Table 2: hours for each)."""
+    """quick (ours: minutes for each run) or paper (the paper's Table 2: hours to days for each)."""
     models: Names = "mlp,gcn,gatv2,gt"
     """Controllers."""
     graphs: Names = ""
@@ -42,7 +43,7 @@ class Reproduce:
     lengths: Annotated[str, text_option("N,N,...")] = "8,16"
     """Training lengths."""
     seeds: Whole = "5"
-    """Seeds of each configuration: 0, 1, 2, ..."""
+    """Seeds of each configuration: 0, 1, 2, ... A study can be given more later."""
     steps: Whole = ""
     """Chain-steps of each run. Default: the preset's."""
     trials: Whole = "50"
@@ -60,26 +61,44 @@ class Reproduce:
     gpus: Annotated[str, text_option("SHARE")] = ""
     """Share of a GPU for each configuration on Ray, whose seeds then train side by side."""
     dry_run: bool = False
-    """Print the plan with an estimate of time and disk, and do nothing."""
+    """Print the plan with an estimate of time and disk, and what is done already; do nothing."""
 
 
 def run(options: Reproduce) -> int:
     """The whole study; 1 if a run failed for good, 2 if results were damaged."""
     grid = grid_of(options)
+    if not options.out:
+        raise InputError("salpchain reproduce needs --out FOLDER, the folder of the study")
     folder = Path(options.out)
+    resources = _resources(options)
+    check_folder(folder, grid)
+    if options.dry_run:
+        from salpchain.cluster.cost import plan
+
+        print(plan(folder, grid, resources.jobs))
+        return 0
+    return _study(folder, grid, options, resources)
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What runs may take."""
+
+    jobs: int | None  # at a time; None: as many as fit
+    cpus: int  # cores of each, on Ray
+    gpus: float  # share of a GPU for each configuration, on Ray
+
+
+def _resources(options: Reproduce) -> Resources:
     one_of("executor", options.executor, EXECUTORS)
     for name in ("address", "cpus", "gpus"):
         if getattr(options, name) and options.executor != "ray":
             raise InputError(f"--{name} is for a Ray cluster: add --executor ray")
-    jobs = positive("jobs", options.jobs) if options.jobs else None
-    if options.dry_run:
-        from salpchain.cluster.cost import plan
-
-        print(plan(grid, jobs))
-        return 0
-    claim(folder, grid)
-    with alone(folder):
-        return _study(folder, grid, options, jobs)
+    return Resources(
+        jobs=positive("jobs", options.jobs) if options.jobs else None,
+        cpus=positive("cpus", options.cpus) if options.cpus else 1,
+        gpus=_share_of_gpu(options.gpus),
+    )
 
 
 def grid_of(options: Reproduce) -> Grid:
@@ -88,8 +107,8 @@ def grid_of(options: Reproduce) -> Grid:
     Raises:
         InputError: names or numbers that cannot be.
     """
-    models = _names("models", options.models)
-    graphs = _names("graphs", options.graphs) if options.graphs else ()
+    models = _names("models", options.models, PAPER_MODELS)
+    graphs = _names("graphs", options.graphs, PAPER_GRAPHS) if options.graphs else ()
     lengths = tuple(parse_lengths(options.lengths))
     tests = tuple(parse_lengths(options.tests)) if options.tests else lengths
     if any(model not in SINGLE_LENGTH for model in models):
@@ -107,45 +126,58 @@ def grid_of(options: Reproduce) -> Grid:
     )
 
 
-def _names(option: str, text: str) -> tuple[str, ...]:
+def _names(option: str, text: str, order: Sequence[str]) -> tuple[str, ...]:
+    """The names that an option holds, in this order, so that theirs makes no other grid."""
     names = tuple(name.strip() for name in text.split(","))
     if "" in names:
         raise InputError(f"--{option} must be names with commas between, got {text!r}")
-    return names
+    return tuple(sorted(names, key=[*order, *names].index))
 
 
-def _study(folder: Path, grid: Grid, options: Reproduce, jobs: int | None) -> int:
+def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -> int:
     from salpchain.cli.display import sweep_display
     from salpchain.cluster.outcome import write_outcome
     from salpchain.cluster.results import set_damaged_aside
     from salpchain.cluster.sweep import sweep
 
-    damaged = set_damaged_aside(folder, grid)
-    if damaged:
-        more = f" (and {len(damaged) - 1} more)" if len(damaged) > 1 else ""
-        raise InputError(f"{damaged[0]}{more}; the same command does it again")
     try:
-        executor, together = _executor(folder, options, jobs)
-        with sweep_display() as watch:
-            failures = sweep(folder, grid, executor, watch, together)
+        executor, together = _executor(folder, options, resources)
     except KeyboardInterrupt:
-        print("stopped. The same command goes on where it was")
-        return 130
-    for line in failures:
-        print(f"failed: {line}", file=sys.stderr)
-    pages = write_outcome(folder, grid)
+        return _stopped()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with alone(folder):
+            claim(folder, grid)
+            damaged = set_damaged_aside(folder, grid)
+            if damaged:
+                more = f" (and {len(damaged) - 1} more)" if len(damaged) > 1 else ""
+                raise InputError(f"{damaged[0]}{more}; the same command does it again")
+            with sweep_display() as watch:
+                failures = sweep(folder, grid, executor, watch, together)
+            for line in failures:
+                print(f"failed: {line}", file=sys.stderr)
+            pages = write_outcome(folder, grid)
+    except KeyboardInterrupt:
+        return _stopped()
+    finally:
+        executor.stop()
     print(f"wrote {pages}")
     return 1 if failures else 0
 
 
-def _executor(folder: Path, options: Reproduce, jobs: int | None) -> "tuple[Executor, bool]":
+def _stopped() -> int:
+    print("stopped. The same command goes on where it was")
+    return 130
+
+
+def _executor(folder: Path, options: Reproduce, resources: Resources) -> "tuple[Executor, bool]":
     """Where runs go, and whether the seeds of a configuration train side by side."""
+    jobs = resources.jobs
     if options.executor == "ray":
         from salpchain.cluster.on_ray import RayExecutor
 
-        cpus = positive("cpus", options.cpus) if options.cpus else 1
-        share = _share_of_gpu(options.gpus)
-        return RayExecutor(folder, options.address, jobs, cpus, share), share > 0
+        share = resources.gpus
+        return RayExecutor(folder, options.address, jobs, resources.cpus, share), share > 0
     from salpchain.cluster.local import LocalExecutor
     from salpchain.machine import gpus, jobs_that_fit
 

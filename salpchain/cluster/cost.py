@@ -4,8 +4,10 @@ Imports nothing heavy: a plan is printed at once.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from salpchain.cluster.grid import Grid, Job
+from salpchain.cluster.results import baseline_untested, is_done
 from salpchain.domain.config import step_limit
 from salpchain.machine import cores, jobs_that_fit
 
@@ -63,8 +65,8 @@ def _pass(job: Job, units: int) -> float:
     return PASS[control.model] + PAIR[control.model] * heard
 
 
-def plan(grid: Grid, jobs: int | None) -> str:
-    """What a study would do, with an estimate of time and disk."""
+def plan(folder: Path, grid: Grid, jobs: int | None) -> str:
+    """What a study would do, with an estimate of time and disk, and what of it is done already."""
     at_once = jobs or jobs_that_fit()
     lines = []
     for config in grid.configurations():
@@ -74,18 +76,29 @@ def plan(grid: Grid, jobs: int | None) -> str:
             f"{config.name:<16} {grid.seeds} x {config.total_steps:>12,} steps"
             f" {_hours(each):>12} of one core each"
         )
-    total = baseline_cost(grid) + sum(train_cost(j) + test_cost(grid, j) for j in grid.jobs())
-    disk = RUN_BYTES * len(grid.jobs()) / 1e9
-    tests = f"{min(grid.tests)} to {max(grid.tests)}" if len(grid.tests) > 1 else min(grid.tests)
+    left = [job for job in grid.jobs() if not is_done(folder, job)]
+    total = sum(train_cost(job) + test_cost(grid, job) for job in left)
+    if baseline_untested(folder, grid):
+        total += baseline_cost(grid)
+    done = len(grid.jobs()) - len(left)
+    disk = RUN_BYTES * len(left) / 1e9
     return "\n".join(
         [
-            f"preset {grid.preset}: {len(grid.jobs())} runs, then {grid.trials} trials at"
-            f" {len(grid.tests)} lengths ({tests} units), limits {', '.join(grid.time_limits)}",
+            f"preset {grid.preset}: {len(grid.jobs())} runs, then {_tests(grid)}, limits"
+            f" {', '.join(grid.time_limits)}",
             *lines,
+            *([f"{done} of {len(grid.jobs())} runs are done; what is left takes"] if done else []),
             f"about {_hours(total)} of one core: {_hours(total / cores())} on this machine's"
             f" {cores()} cores, {at_once} runs at a time; {disk:.1f} GB of disk",
         ]
     )
+
+
+def _tests(grid: Grid) -> str:
+    if len(grid.tests) == 1:
+        return f"{grid.trials} trials at {grid.tests[0]} units"
+    spread = f"{min(grid.tests)} to {max(grid.tests)} units"
+    return f"{grid.trials} trials at {len(grid.tests)} lengths ({spread})"
 
 
 def _hours(seconds: float) -> str:

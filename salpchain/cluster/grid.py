@@ -13,7 +13,7 @@ from typing import Any
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import TIME_LIMITS, check_length, one_of
 from salpchain.errors import InputError
-from salpchain.files import read_json, write_json
+from salpchain.files import LOCK_FILE, read_json, write_json
 from salpchain.training.config import TrainConfig
 from salpchain.training.presets import PRESETS, choose
 
@@ -129,8 +129,10 @@ def _check_once(what: str, given: Sequence[Any]) -> None:
             raise InputError(f"{what} {value} is in the grid twice")
 
 
-def claim(folder: Path, grid: Grid) -> None:
-    """The folder as that of this grid: new, empty, or one in which it was begun.
+def check_folder(folder: Path, grid: Grid) -> None:
+    """That this grid may be done in the folder: new, empty, or one in which it was begun.
+
+    More seeds than were begun with are the same grid, grown.
 
     Raises:
         InputError: the folder holds another grid, or something else.
@@ -139,11 +141,25 @@ def claim(folder: Path, grid: Grid) -> None:
         raise InputError(f"{folder} is a file: a study needs a folder")
     if (folder / GRID_FILE).exists():
         _check_same(folder, grid)
-        return
-    if folder.is_dir() and any(not p.name.startswith(f".{GRID_FILE}") for p in folder.iterdir()):
+    elif folder.is_dir() and any(not _is_ours(path) for path in folder.iterdir()):
         raise InputError(f"{folder} holds something else than a study: choose another --out")
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether a file may lie where no study has begun: what is left of one that failed."""
+    return path.name == LOCK_FILE or path.name.startswith(f".{GRID_FILE}")
+
+
+def claim(folder: Path, grid: Grid) -> None:
+    """Makes the folder that of this grid.
+
+    Raises:
+        InputError: as `check_folder`.
+    """
+    check_folder(folder, grid)
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / GRID_FILE, {"format": FORMAT, "grid": dataclasses.asdict(grid)})
+    if not (folder / GRID_FILE).exists() or read_grid(folder) != grid:
+        write_json(folder / GRID_FILE, {"format": FORMAT, "grid": dataclasses.asdict(grid)})
 
 
 def read_grid(folder: Path) -> Grid:
@@ -155,23 +171,30 @@ def read_grid(folder: Path) -> Grid:
     if not (folder / GRID_FILE).is_file():
         raise InputError(f"{folder} is not the folder of a study: it has no {GRID_FILE}")
     content = read_json(folder / GRID_FILE)
+    names = {field.name for field in dataclasses.fields(Grid)}
     try:
-        if content["format"] > FORMAT:
+        if int(content["format"]) > FORMAT:
             raise InputError(f"{folder} was made by a newer salpchain: upgrade salpchain")
         given: dict[str, Any] = content["grid"]
+        if given.keys() != names:
+            odd = sorted(given.keys() ^ names)[0]
+            raise ValueError(f"{odd!r} is {'unknown' if odd in given else 'missing'}")
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
             for name, value in given.items()
         }
         return Grid(**values)
-    except (KeyError, TypeError, AttributeError) as error:
+    except InputError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(f"{folder / GRID_FILE} does not describe a grid ({error})") from None
 
 
 def _check_same(folder: Path, grid: Grid) -> None:
     begun = dataclasses.asdict(read_grid(folder))
     for name, value in dataclasses.asdict(grid).items():
-        if begun[name] != value:
+        grown = name == "seeds" and value > begun[name]
+        if begun[name] != value and not grown:
             has, given = (json.dumps(x) for x in (begun[name], value))
             raise InputError(
                 f"{folder} holds another grid: {name.replace('_', ' ')} {has} there, {given}"

@@ -41,6 +41,11 @@ def untested(folder: Path, job: Job) -> list[str]:
     return [limit for limit in job.tests if not (run / limit / TESTS_FILE).exists()]
 
 
+def is_done(folder: Path, job: Job) -> bool:
+    """Whether the run is whole, and tested with every time limit."""
+    return is_trained(folder, job) and not untested(folder, job)
+
+
 def baseline_untested(folder: Path, grid: Grid) -> list[str]:
     """The time limits with which the baseline is still to be tested."""
     return [t for t in grid.time_limits if not (folder / "greedy" / t / TESTS_FILE).exists()]

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from salpchain.cluster.cost import baseline_cost, test_cost, train_cost
 from salpchain.cluster.grid import Grid, Job
-from salpchain.cluster.results import baseline_untested, is_trained, trained_share, untested
+from salpchain.cluster.results import baseline_untested, is_done, trained_share, untested
 
 LOOK_EVERY = 1.0  # s between two looks at the jobs (chosen)
 RETRIES = 2  # of a job whose process died without a word (chosen)
@@ -135,8 +135,7 @@ class _State:
     def _is_done(self, number: int) -> bool:
         if number == len(self.jobs):
             return not baseline_untested(self.folder, self.grid)
-        job = self.jobs[number]
-        return is_trained(self.folder, job) and not untested(self.folder, job)
+        return is_done(self.folder, self.jobs[number])
 
     def _work_done(self) -> float:
         done = sum(_done(self.folder, self.grid, job) for job in self.jobs)

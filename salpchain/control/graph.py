@@ -1,6 +1,6 @@
 """Who listens to whom: graphs over the units of a chain (paper section 3.2.1, Figure 2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol, runtime_checkable
 
 import equinox as eqx
@@ -187,7 +187,7 @@ def hub(present: Bool[Array, " unit"], joined: Bool[Array, " link"]) -> HubGraph
     return HubGraph(of_adjacency(sees).sees)
 
 
-def of_adjacency(sees: ArrayLike) -> DenseGraph:
+def of_adjacency(sees: ArrayLike | Sequence) -> DenseGraph:
     """Your own graph, (n, n) of bool: `sees[i, j]` says that unit i hears unit j.
 
     Self loops are added. Leave rows and columns of dead slots false.
@@ -195,10 +195,14 @@ def of_adjacency(sees: ArrayLike) -> DenseGraph:
     Raises:
         InputError: not a square of booleans.
     """
-    shape, kind = jnp.shape(sees), jnp.result_type(sees)
+    try:
+        square = jnp.asarray(sees)
+    except (TypeError, ValueError):
+        raise InputError(f"a graph is an (n, n) array of bool, got {sees!r}") from None
+    shape, kind = square.shape, square.dtype
     if len(shape) != 2 or shape[0] != shape[1] or not jnp.issubdtype(kind, jnp.bool_):
         raise InputError(f"a graph is an (n, n) array of bool, got {kind} of shape {shape}")
-    return DenseGraph(jnp.asarray(sees) | jnp.eye(shape[0], dtype=bool))
+    return DenseGraph(square | jnp.eye(shape[0], dtype=bool))
 
 
 GRAPHS: dict[str, Callable[[Array, Array], Graph]] = {

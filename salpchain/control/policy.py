@@ -1,14 +1,15 @@
 """What steers a chain: a learned policy or a hand-written controller, behind one interface."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
-from salpchain.control.graph import Graph
+from salpchain.control.graph import Graph, of_adjacency
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
@@ -112,24 +113,31 @@ class Policy(eqx.Module):
     network: ActorCritic
     card: PolicyCard = eqx.field(static=True)
 
-    def act(self, state: State, graph: Graph | None = None) -> Float[Array, "unit act"]:
+    def act(
+        self, state: State, graph: Graph | ArrayLike | Sequence | None = None
+    ) -> Float[Array, "unit act"]:
         """Mean actions; on another graph than the policy's own if one is given.
 
+        A graph is one of `salpchain.control.graph`, or an (n, n) array of bool: who hears whom.
+
         Raises:
-            InputError: a state with another observation than the policy's; a graph of another size
-                than the chain, or for a policy that has none.
+            InputError: a state with another observation than the policy's; a graph that is none, of
+                another size than the chain, or for a policy that has none.
         """
         if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
             raise InputError(
                 f"{self.card.name} observes {self.card.observation}, the state has"
                 f" {state.obs.shape[-1]} numbers for each unit: make it with card.task(length)"
             )
-        if graph is not None:
-            self._check_graph(graph, slots=state.chain.present.shape[0])
-        return self.network.act(state.obs, state.chain.present, state.chain.joined, graph)
+        chain = state.chain
+        own = None if graph is None else self._graph(graph, slots=chain.present.shape[0])
+        return self.network.act(state.obs, chain.present, chain.joined, own)
 
-    def _check_graph(self, graph: Graph, slots: int) -> None:
+    def _graph(self, graph: Graph | ArrayLike | Sequence, slots: int) -> Graph:
+        """The graph, if it is one for this policy and this many slots."""
         if self.card.control.model in SINGLE_LENGTH:
             raise InputError(f"an {self.card.control.model} has no graph: give none")
-        if graph.nodes != slots:
-            raise InputError(f"the graph has {graph.nodes} nodes, the chain {slots} slots")
+        own = graph if isinstance(graph, Graph) else of_adjacency(graph)
+        if own.nodes != slots:
+            raise InputError(f"the graph has {own.nodes} nodes, the chain {slots} slots")
+        return own

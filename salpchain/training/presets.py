@@ -3,8 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
-from salpchain.control.config import ControlConfig
+from salpchain.control.config import SINGLE_LENGTH, ControlConfig
 from salpchain.domain.config import TaskConfig, one_of
+from salpchain.errors import InputError
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 PAPER_EPISODES = 60_000  # Table 2
@@ -102,6 +103,8 @@ def choose(
         InputError: no preset has this name, or a setting that cannot be, with what would be right.
     """
     one_of("preset", name, PRESETS)
+    if model in SINGLE_LENGTH and graph is not None:
+        raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
     if mix and mix.lengths:
         length = mix.lengths[-1]
     base = PRESETS[name](TaskConfig.length if length is None else length)

@@ -1,10 +1,11 @@
 """Which runs a study has, and which grids cannot be."""
 
 import json
+from dataclasses import asdict
 
 import pytest
 
-from salpchain.cluster.grid import Grid, claim, read_grid
+from salpchain.cluster.grid import Grid, check_folder, claim, read_grid
 from salpchain.errors import InputError
 
 
@@ -60,10 +61,19 @@ def test_a_folder_keeps_its_grid_and_refuses_another(tmp_path):
     claim(folder, Grid(seeds=2))
     claim(folder, Grid(seeds=2))
     assert read_grid(folder) == Grid(seeds=2)
-    with pytest.raises(InputError, match="another grid: seeds 2 there, 3 given"):
-        claim(folder, Grid(seeds=3))
+    with pytest.raises(InputError, match="another grid: seeds 2 there, 1 given"):
+        claim(folder, Grid(seeds=1))
     with pytest.raises(InputError, match=r'models \["mlp", "gcn", "gatv2", "gt"\] there'):
         claim(folder, Grid(seeds=2, models=("gcn",)))
+
+
+def test_a_study_can_be_given_more_seeds_and_keeps_what_it_has(tmp_path):
+    claim(tmp_path, Grid(seeds=2))
+    check_folder(tmp_path, Grid(seeds=3))
+    assert read_grid(tmp_path) == Grid(seeds=2)
+    claim(tmp_path, Grid(seeds=3))
+    assert read_grid(tmp_path) == Grid(seeds=3)
+    assert Grid(seeds=3).jobs()[:28] == Grid(seeds=2).jobs()
 
 
 def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
@@ -82,6 +92,9 @@ def test_a_folder_with_something_else_in_it_is_left_alone(tmp_path):
         (json.dumps({"format": 99, "grid": {}}), "newer salpchain"),
         (json.dumps({"format": 1, "grid": {"colour": "red"}}), "does not describe a grid"),
         (json.dumps([]), "does not describe a grid"),
+        (json.dumps({"format": "one", "grid": {}}), "does not describe a grid"),
+        (json.dumps({"format": 1, "grid": {**asdict(Grid()), "foo": 1}}), "'foo' is unknown"),
+        (json.dumps({"format": 1, "grid": {"preset": "quick"}}), "'graphs' is missing"),
     ],
 )
 def test_a_damaged_grid_is_refused(tmp_path, content, words):

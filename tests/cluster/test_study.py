@@ -109,8 +109,8 @@ def test_a_damaged_result_is_named_and_set_aside_then_done_again(undisturbed, tm
 
 
 def test_another_grid_is_refused_in_one_line(undisturbed):
-    status, said = reproduce(undisturbed, seeds="3")
-    assert status == 2 and said.count("\n") == 1 and "another grid: seeds 2 there, 3 given" in said
+    status, said = reproduce(undisturbed, trials="3")
+    assert status == 2 and said.count("\n") == 1 and "another grid: trials 2 there, 3 given" in said
 
 
 def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(

@@ -222,6 +222,8 @@ def test_a_policy_acts_on_a_graph_of_ones_own_of_its_chains_size():
     state, policy = SCLD(TaskConfig(length=4)).reset(jr.key(0)), policy_of("gcn")
     alone = policy.act(state, of_adjacency(np.zeros((4, 4), bool)))
     assert not np.allclose(alone, policy.act(state), atol=1e-6)
+    for plain in (np.zeros((4, 4), bool), [[False] * 4] * 4):
+        np.testing.assert_array_equal(policy.act(state, plain), alone)
     with pytest.raises(InputError, match="the graph has 5 nodes, the chain 4 slots"):
         policy.act(state, of_adjacency(np.zeros((5, 5), bool)))
     with pytest.raises(InputError, match="an mlp has no graph"):
@@ -232,6 +234,13 @@ def test_a_policy_acts_on_a_graph_of_ones_own_of_its_chains_size():
 def test_a_graph_that_is_no_square_of_booleans_is_refused(given):
     with pytest.raises(InputError, match=r"an \(n, n\) array of bool, got \w+ of shape"):
         of_adjacency(given)
+
+
+@pytest.mark.parametrize("given", ["full", [[True], [True, False]], [[None]]])
+def test_a_graph_that_is_no_array_is_refused(given):
+    state, policy = SCLD(TaskConfig(length=4)).reset(jr.key(0)), policy_of("gcn")
+    with pytest.raises(InputError, match=r"an \(n, n\) array of bool, got"):
+        policy.act(state, given)
 
 
 def test_the_task_of_a_policy_speaks_its_language_and_another_is_refused():
