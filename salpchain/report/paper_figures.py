@@ -99,10 +99,7 @@ def _smooth(entries: Sequence[Entry]) -> pd.DataFrame:
 
 
 def figure_4(
-    entries: Sequence[Entry],
-    time_limit: str,
-    out: Path,
-    baseline: dict[str, Any] | None = None,
+    entries: Sequence[Entry], time_limit: str, out: Path, baseline: dict[str, Any] | None = None
 ) -> list[Path]:
     """Zero-shot curves, a column for each training length.
 
@@ -129,9 +126,7 @@ def figure_4(
         grid = figure.subplots(len(rows), len(lengths), sharex=True, sharey="row", squeeze=False)
         for panels, (measure, title) in zip(grid, rows, strict=True):
             for panel, length in zip(panels, lengths, strict=True):
-                own = table[table["length"] == length]
-                _zero_shot_panel(panel, own, measure)
-                _bounds(panel, own, measure)
+                _zero_shot_panel(panel, table[table["length"] == length], measure)
                 _baseline(panel, baseline, measure)
                 _threshold(panel, int(length))
             panels[0].set_ylabel(title)
@@ -153,6 +148,7 @@ def _zero_shot_panel(panel: Axes, table: Any, measure: str) -> None:
             mean.index, mean, _error(some, measure), color=colour, marker=marker, linestyle=dashes,
             elinewidth=0.8, label=_label(name, some["seed"].nunique()),
         )  # fmt: skip
+    _bounds(panel, table, measure)
     panel.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=" %"))
     panel.set_ylim(-0.04, 1.06)
     panel.grid(axis="y", color="#dddddd", linewidth=0.6)
