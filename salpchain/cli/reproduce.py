@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, positive, text_option, whole
-from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, check_folder, claim
+from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
@@ -75,9 +75,19 @@ def run(options: Reproduce) -> int:
     if options.dry_run:
         from salpchain.cluster.cost import plan
 
-        print(plan(folder, grid, resources.jobs))
+        print(plan(grid, resources.jobs, *_left(folder, grid)))
         return 0
     return _study(folder, grid, options, resources)
+
+
+def _left(folder: Path, grid: Grid) -> tuple[list[Job], bool]:
+    """The jobs that are not done, and whether the baseline's tests are not."""
+    if not folder.exists():
+        return grid.jobs(), True
+    from salpchain.cluster.results import baseline_untested, is_done
+
+    left = [job for job in grid.jobs() if not is_done(folder, job)]
+    return left, bool(baseline_untested(folder, grid))
 
 
 @dataclass(frozen=True)

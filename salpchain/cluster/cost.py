@@ -4,11 +4,10 @@ Imports nothing heavy: a plan is printed at once.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from salpchain.cluster.grid import Grid, Job
-from salpchain.cluster.results import baseline_untested, is_done
 from salpchain.domain.config import step_limit
+from salpchain.evaluation.config import SLOTS
 from salpchain.machine import cores, jobs_that_fit
 
 # Microseconds of one core for each unit (from trainings at 8 and 16 units, one on each of the two
@@ -20,7 +19,6 @@ BACKWARD = 3  # forward and backward pass of a gradient, in forward passes
 # Seconds of one core before a training, and before the tests of each size of batch, start; the
 # second seed and those after it find the programs compiled.
 COMPILING, COMPILED = 20.0, 4.0
-UNITS_OF_A_SIZE = (16, 32, 64, 128, 256, 512)  # most units in a batch of tests
 TRIALS_AT_ONCE = 0.6  # share of the longest episode that trials last on average
 RUN_BYTES = 8_000_000  # of a run folder: checkpoint, policy, log, TensorBoard, tests
 
@@ -56,7 +54,7 @@ def _longest(grid: Grid, length: int) -> int:
 
 def _sizes(lengths: Sequence[int]) -> int:
     """How many programs the tests of these lengths take."""
-    return len({next(most for most in UNITS_OF_A_SIZE if n <= most) for n in lengths})
+    return len({next(slots for slots in SLOTS if n <= slots) for n in lengths})
 
 
 def _pass(job: Job, units: int) -> float:
@@ -65,8 +63,11 @@ def _pass(job: Job, units: int) -> float:
     return PASS[control.model] + PAIR[control.model] * heard
 
 
-def plan(folder: Path, grid: Grid, jobs: int | None) -> str:
-    """What a study would do, with an estimate of time and disk, and what of it is done already."""
+def plan(grid: Grid, jobs: int | None, left: Sequence[Job], baseline: bool) -> str:
+    """What a study would do, with an estimate of time and disk for what is left of it.
+
+    `left`: the jobs that are not done; `baseline`: whether the baseline's tests are not.
+    """
     at_once = jobs or jobs_that_fit()
     lines = []
     for config in grid.configurations():
@@ -76,10 +77,8 @@ def plan(folder: Path, grid: Grid, jobs: int | None) -> str:
             f"{config.name:<16} {grid.seeds} x {config.total_steps:>12,} steps"
             f" {_hours(each):>12} of one core each"
         )
-    left = [job for job in grid.jobs() if not is_done(folder, job)]
     total = sum(train_cost(job) + test_cost(grid, job) for job in left)
-    if baseline_untested(folder, grid):
-        total += baseline_cost(grid)
+    total += baseline_cost(grid) if baseline else 0.0
     done = len(grid.jobs()) - len(left)
     disk = RUN_BYTES * len(left) / 1e9
     return "\n".join(

@@ -1,10 +1,11 @@
 """Settings of an evaluation. Imports nothing heavy: the command line checks its input with it."""
 
-from salpchain.domain.config import check_length
+from salpchain.domain.config import LONGEST, check_length
 from salpchain.errors import InputError
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
+SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
 
 

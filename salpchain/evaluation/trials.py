@@ -16,16 +16,16 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller, Planner, act, begin
-from salpchain.domain.config import LONGEST, TaskConfig, check_length, check_seed, step_limit
+from salpchain.domain.config import TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
+from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Physics
 from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
-SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
 FEWER = 4  # the batch shrinks by this once so few trials go on (chosen)
 WORTH = 20_000_000  # steps of a unit left to compute, worth compiling a smaller batch (chosen)

@@ -80,8 +80,8 @@ def _interval(measure: str, own: dict[str, Any]) -> dict[str, float | None]:
     value = own[measure]
     return {
         measure: value["mean"],
-        f"{measure}_low": value["low"],
-        f"{measure}_high": value["high"],
+        f"{measure}_low": value.get("low"),
+        f"{measure}_high": value.get("high"),
     }
 
 
