@@ -1,8 +1,13 @@
-"""Two devices for every test: sharing chains out over devices is part of what is tested."""
+"""What every test has: two devices, and Ctrl-C that can be sent to the programs it starts."""
+
+import signal
 
 import jax
 
+# Sharing chains out over devices is part of what is tested.
 jax.config.update("jax_num_cpu_devices", 2)
+# Shells let what they start in the background ignore Ctrl-C, and so would all that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
 LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
