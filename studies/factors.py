@@ -2,13 +2,16 @@
 
 Trains each variant with each seed (default 3) for the same number of steps, tests it unchanged at
 lengths from 2 to 64, and writes OUT/VARIANT/seed-S/ (settings, log, evaluation), OUT/factors.csv,
-OUT/factors.png and OUT/report.md. What is there is kept: stopped, it goes on. Weights are not
-needed afterwards.
+OUT/factors.png and OUT/report.md. One run on each core at a time. What is there is kept: stopped,
+it goes on. Weights are not needed afterwards.
 """
 
 import io
+import os
 import sys
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import TRIALS_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import write_bytes, write_text
+from salpchain.machine import jobs_that_fit
 from salpchain.report.figures import STYLE
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
@@ -75,32 +79,43 @@ VARIANTS: dict[str, TrainConfig] = {
 }
 
 
-def study(out: Path, seeds: int) -> None:
-    """All runs that are missing, seed by seed, then the report."""
-    for seed in range(seeds):
-        for name, config in VARIANTS.items():
-            run_one(replace(config, seed=seed), out / name.replace(" ", "-") / f"seed-{seed}")
-            write_report(out)
+def study(out: Path, seeds: int, each: Callable[..., Iterable[None]] = map) -> None:
+    """All runs that are missing, seed by seed; after each, the report.
+
+    `each`: `map`, or what does the same with several processes, in any order.
+    """
+    runs = [
+        (_run_of(out, name, seed), replace(config, seed=seed))
+        for seed in range(seeds)
+        for name, config in VARIANTS.items()
+    ]
+    missing = [run for run in runs if not (run[0] / TRIALS_FILE).exists()]
+    for _ in each(run_one, missing):
+        write_report(out)
+    write_report(out)
 
 
-def run_one(config: TrainConfig, run: Path) -> None:
-    """Trains and tests one variant with one seed, as far as that is not done."""
-    if (run / TRIALS_FILE).exists():
-        return
+def run_one(what: tuple[Path, TrainConfig]) -> None:
+    """Trains and tests one variant with one seed, on one core, as far as that is not done."""
+    run, config = what
     print(run, flush=True)
     if not (run / run_folder.SUMMARY_FILE).exists():
         if (run / run_folder.CONFIG_FILE).exists():
             resume(run)
         else:
-            train(config, run)
+            train(config, run, devices=1)
     evaluate(load(run), LENGTHS, TRIALS, LIMIT, SEED, run, baseline=False)
+
+
+def _run_of(out: Path, name: str, seed: int) -> Path:
+    return out / name.replace(" ", "-") / f"seed-{seed}"
 
 
 def write_report(out: Path) -> None:
     """One row for each variant, seed and length; and a table of means over seeds."""
     rows = []
     for name in VARIANTS:
-        for path in sorted((out / name.replace(" ", "-")).glob(f"seed-*/{TRIALS_FILE}")):
+        for path in sorted(_run_of(out, name, 0).parent.glob(f"seed-*/{TRIALS_FILE}")):
             for length, frame in pd.read_csv(path).groupby("length"):
                 about = {"variant": name, "seed": path.parent.name, "length": length}
                 closed = frame.closed_fraction.mean()
@@ -135,7 +150,7 @@ def as_picture(table: pd.DataFrame) -> bytes:
     """PNG: success in percent of each variant at each length, coloured by its gain on base."""
     success = 100 * table.groupby(["variant", "length"]).success.mean().unstack()
     success = success.loc[[name for name in VARIANTS if name in success.index]]
-    gain = success - success.loc["base"]
+    gain = success - success.reindex(["base"]).iloc[0]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.5, 1.2 + 0.32 * len(success)), layout="constrained")
         panel = figure.subplots()
@@ -159,7 +174,10 @@ def main() -> None:
     words = sys.argv[1:]
     if len(words) not in (1, 2) or not (len(words) == 1 or words[1].isdigit()):
         raise InputError("give a folder, and how many seeds: python -m studies.factors OUT 3")
-    study(Path(words[0]), int(words[1]) if len(words) == 2 else 3)
+    out, seeds = Path(words[0]), int(words[1]) if len(words) == 2 else 3
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(out / "cache"))
+    with get_context("spawn").Pool(jobs_that_fit()) as pool:
+        study(out, seeds, pool.imap_unordered)
 
 
 if __name__ == "__main__":

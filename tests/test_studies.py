@@ -40,7 +40,7 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
         out.mkdir(parents=True, exist_ok=True)
         pd.DataFrame({**rows, "closed_fraction": 0.9}).to_csv(out / "evaluation.csv")
 
-    def learn(config, run):
+    def learn(config, run, devices):
         done.append((run.parent.name, config.seed))
 
     monkeypatch.setattr(
