@@ -16,7 +16,7 @@ from typing import Any
 import jax
 
 from salpchain.evaluation.speed import Speed, best, measure, ratio
-from salpchain.machine import cores
+from salpchain.machine import cores, processor
 from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
@@ -27,13 +27,8 @@ VMAS_BATCHES = {8: (1024, 4096), 16: (512, 2048), 32: (512, 1024), 64: (256, 512
 def machine() -> dict[str, Any]:
     """What the figures were measured on."""
     names = ("salpchain", "jax", "jaxlib", "torch", "vmas")
-    cpu = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        lines = (line for line in info.read_text().splitlines() if line.startswith("model name"))
-        cpu = next(lines, f": {cpu}").split(":")[1].strip()
     return {
-        "cpu": cpu,
+        "cpu": processor(),
         "cores": cores(),
         "device": device_name(),
         "python": platform.python_version(),

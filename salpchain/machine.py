@@ -1,8 +1,10 @@
 """What this machine has room for."""
 
 import os
+import platform
 import subprocess
 import sys
+from pathlib import Path
 
 MEMORY = 1.5  # GiB that a job may take (chosen; the largest were seen to take 1.2)
 
@@ -24,6 +26,14 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def processor() -> str:
+    """What the processor calls itself, as far as the system tells."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
 
 
 def _memory() -> float:

@@ -140,9 +140,9 @@ def _plain_sweep(console: Console) -> Callable[[Overall], None]:
 
 
 def _sweep_line(now: Overall) -> str:
-    left = "" if now.seconds_left is None else f"  {_duration(now.seconds_left)} left"
     bad = f"  {len(now.failures)} failed" if now.failures else ""
-    return f"{now.done} of {now.jobs} jobs{bad}{left}  {', '.join(now.running)}"
+    left = f"{_duration(now.seconds_left)} left"
+    return f"{now.done} of {now.jobs} jobs{bad}  {left}  {', '.join(now.running)}"
 
 
 def _duration(seconds: float) -> str:

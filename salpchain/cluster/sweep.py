@@ -10,10 +10,11 @@ from typing import Protocol, runtime_checkable
 from salpchain.cluster.cost import baseline_cost, test_cost, train_cost
 from salpchain.cluster.grid import Grid, Job
 from salpchain.cluster.results import baseline_untested, is_done, trained_share, untested
+from salpchain.machine import cores
 
 LOOK_EVERY = 1.0  # s between two looks at the jobs (chosen)
 RETRIES = 2  # of a job whose process died without a word (chosen)
-
+GUESSED = 300.0  # s of work at the plan's pace that the pace seen so far is averaged with (chosen)
 
 Task = tuple[int, ...]  # numbers of jobs in the grid that one process does
 
@@ -54,7 +55,7 @@ class Overall:
     """What a watcher of a sweep is told."""
 
     share: float  # of all work
-    seconds_left: float | None  # None before there is a pace
+    seconds_left: float
     done: int
     jobs: int
     running: tuple[str, ...]
@@ -74,7 +75,7 @@ def sweep(
     Raises:
         KeyboardInterrupt: asked to stop; jobs have saved and stopped.
     """
-    state = _State(folder, grid, together)
+    state = _State(folder, grid, together, min(executor.room, cores()))
     try:
         while state.waiting or state.running:
             while state.waiting and executor.room > 0:
@@ -92,7 +93,7 @@ def sweep(
 class _State:
     """Which jobs wait, run, have failed; and how much of the work is done."""
 
-    def __init__(self, folder: Path, grid: Grid, together: bool) -> None:
+    def __init__(self, folder: Path, grid: Grid, together: bool, at_once: int) -> None:
         self.folder, self.grid, self.jobs = folder, grid, grid.jobs()
         self.names = [*(job.name for job in self.jobs), "greedy"]
         tasks = [*_tasks(grid, together), (len(self.jobs),)]
@@ -102,6 +103,7 @@ class _State:
         self.tries: Counter[Task] = Counter()
         self.costs = [*(_cost(grid, job) for job in self.jobs), baseline_cost(grid)]
         self.begun, self.done_before = time.monotonic(), self._work_done()
+        self.at_once = min(at_once, len(self.waiting))
 
     def begin(self, executor: Executor) -> None:
         task = self.waiting.popleft()
@@ -123,9 +125,10 @@ class _State:
     def overall(self) -> Overall:
         total, done = sum(self.costs), self._work_done()
         spent, fresh = time.monotonic() - self.begun, done - self.done_before
+        pace = (fresh + GUESSED * max(1, self.at_once)) / (spent + GUESSED)
         return Overall(
             share=done / total,
-            seconds_left=spent * (total - done) / fresh if fresh > 0 else None,
+            seconds_left=(total - done) / pace,
             done=sum(self._is_done(n) for n in range(len(self.names))),
             jobs=len(self.names),
             running=tuple(self.names[n] for task in sorted(self.running) for n in task),

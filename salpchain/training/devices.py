@@ -7,7 +7,7 @@ import jax
 from jax.sharding import AxisType, Mesh
 
 from salpchain.errors import InputError
-from salpchain.machine import cores
+from salpchain.machine import cores, processor
 
 AXIS = "devices"  # the mesh axis over which chains are shared out
 LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
@@ -50,6 +50,6 @@ def mesh_of(devices: int) -> Mesh:
 
 
 def device_name() -> str:
-    """What the first device calls itself."""
+    """What the first device calls itself, such as "cpu (AMD EPYC 9005)"."""
     backend, kind = jax.default_backend(), jax.devices()[0].device_kind
-    return backend if kind == backend else f"{backend} ({kind})"
+    return f"{backend} ({processor() if backend == 'cpu' else kind})"

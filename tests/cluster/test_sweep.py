@@ -77,6 +77,25 @@ def test_all_jobs_and_the_baseline_are_done_and_nothing_is_done_twice(tmp_path):
     assert again.started == []
 
 
+def test_time_left_goes_from_what_was_planned_to_the_pace_that_is_seen(tmp_path, monkeypatch):
+    planned, needed, clock = 1000.0, 2000.0, [0.0]
+    for name in ("_cost", "baseline_cost"):
+        monkeypatch.setattr(module, name, lambda *_: planned)
+    monkeypatch.setattr(module, "_done", lambda *job: planned * module.is_done(job[0], job[2]))
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
+
+    class Slow(Pretender):
+        def ended(self):
+            clock[0] += needed
+            return super().ended()
+
+    seen = []
+    sweep(tmp_path, GRID, Slow(tmp_path), seen.append)
+    left = {now.done: now.seconds_left for now in seen}
+    assert 4 * planned < left[1] < 4 * needed
+    assert left[4] == pytest.approx(needed, rel=0.05)
+
+
 def test_a_job_whose_process_died_is_tried_again(tmp_path):
     died = End(False, retry=True, message="killed by SIGKILL")
     executor = Pretender(tmp_path, fate={(1,): [died] * RETRIES})
