@@ -27,7 +27,7 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.chain import Physics, at_rest
-from studies import program
+from studies import add_part, program
 
 LENGTHS = (4, 8, 16, 32)
 TRIALS = 200
@@ -119,20 +119,10 @@ def study(policy: Policy, out: Path, trials: int = TRIALS) -> None:
         for length in LENGTHS:
             part = {"setting": setting, "length": length}
             play = lambda s=setting, n=length: with_changes(policy, s, n, trials)  # noqa: E731
-            _add(out / "changed.csv", part, play)
+            add_part(out / "changed.csv", part, play)
     for length in LENGTHS:
-        _add(out / "vmas.csv", {"length": length}, lambda n=length: in_vmas(policy, n, trials))
+        add_part(out / "vmas.csv", {"length": length}, lambda n=length: in_vmas(policy, n, trials))
     write_text(out / "report.md", report(policy.card.name, out))
-
-
-def _add(path: Path, part: dict[str, Any], play: Callable[[], pd.DataFrame]) -> None:
-    """The rows of this part, added to the file unless they are there."""
-    known = pd.read_csv(path) if path.exists() else None
-    if known is not None and (known[list(part)] == pd.Series(part)).all(axis=1).any():
-        return
-    print(", ".join(f"{key} {value}" for key, value in part.items()), flush=True)
-    whole = pd.concat([frame for frame in (known, play()) if frame is not None])
-    write_text(path, whole.to_csv(index=False))
 
 
 def report(name: str, out: Path) -> str:

@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from studies import factors, transfer
+from salpchain.cluster.grid import Grid, claim
+from salpchain.cluster.results import run_of
+from studies import bars, factors, transfer
 from tests.interop.policies import fresh
 
 
@@ -64,3 +66,28 @@ def test_each_variant_changes_one_thing():
     for name, config in factors.VARIANTS.items():
         assert config.steps == base.steps and config.preset == base.preset
         assert (config == base) == (name == "base")
+
+
+def test_runs_on_mixed_are_tested_at_their_length_and_those_of_the_longest_beyond(
+    tmp_path, monkeypatch
+):
+    grid = Grid(models=("mlp", "gcn"), lengths=(8, 16), seeds=2)
+    claim(tmp_path, grid)
+    for job in (job for job in grid.jobs() if job.name != "gcn-mixed-16/seed-1"):  # not trained yet
+        run_of(tmp_path, job).mkdir(parents=True)
+        (run_of(tmp_path, job) / "summary.json").write_text("{}")
+    played = []
+
+    def trials(policies, length, *_):
+        played.append((*policies, length))
+        return [pd.DataFrame({"success": [True, False], "closed_fraction": [0.9, 0.8]})]
+
+    monkeypatch.setattr(bars, "load", lambda run: f"{run.parent.name}/{run.name}")
+    monkeypatch.setattr(bars, "run_trials", trials)
+    for _ in range(2):
+        bars.study(tmp_path)
+    eight = [(f"gcn-mixed-8/seed-{seed}", 8) for seed in (0, 1)]
+    sixteen = [("gcn-mixed-16/seed-0", n) for n in (16, 96, 128)]
+    assert sorted(played) == sorted([*eight, *sixteen])
+    row = "| gcn-mixed-8 | 8 | fixed | 2 x 200 | 50.0 (50.0 to 50.0) | 85.0 (85.0 to 85.0) |"
+    assert row in (tmp_path / "bars.md").read_text()
