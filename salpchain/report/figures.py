@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
@@ -309,16 +310,24 @@ def _percent_axes(panels: Iterable[Axes], label: str) -> None:
 
 
 def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """All lines that the panels name, each once, those with intervals first."""
+    """All lines that the panels name, each once, those with intervals first.
+
+    In as many columns, up to five, as the figure is wide enough for.
+    """
     pairs = [
         pair for panel in panels for pair in zip(*panel.get_legend_handles_labels(), strict=True)
     ]
     named = {label: handle for handle, label in reversed(pairs)}
     first = dict.fromkeys(label for _, label in pairs)
     labels = sorted(first, key=lambda label: isinstance(named[label], Line2D))
-    columns = min(len(labels), 5)
     handles = [named[label] for label in labels]
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=3.2)
+    place = {"loc": "outside lower center", "handlelength": 3.2}
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    for columns in range(min(len(labels), 5), 0, -1):
+        legend = figure.legend(handles, labels, ncols=columns, **place)
+        if columns == 1 or legend.get_window_extent(renderer).width < figure.bbox.width:
+            break
+        legend.remove()
 
 
 def save(figure: Figure, out: Path) -> list[Path]:

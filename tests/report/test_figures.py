@@ -1,3 +1,4 @@
+import io
 import json
 
 import matplotlib.image
@@ -5,10 +6,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import rcParams
+from matplotlib.figure import Figure
 
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
-from salpchain.report.figures import learning_curves, over_seeds, zero_shot
+from salpchain.report.figures import learning_curves, legend_below, over_seeds, zero_shot
 
 
 def log(seed=0, rollouts=30, shift=0.0):
@@ -103,6 +105,19 @@ def test_runs_that_differ_in_their_seed_alone_are_one_line(tmp_path, monkeypatch
     ]
     learning_curves(runs, tmp_path / "x")
     assert sorted(drawn) == ["gcn full, 8 units", "gcn mixed, 8 units (3 seeds)"]
+
+
+@pytest.mark.parametrize("lines", [2, 9])
+def test_a_legend_of_any_number_of_lines_lies_within_its_figure(lines):
+    figure = Figure(figsize=(8, 3), layout="constrained")
+    panel = figure.subplots()
+    for number in range(lines):
+        panel.plot([0, 1], label=f"controller {number} (3 seeds)")
+    legend_below(figure, [panel])
+    figure.savefig(io.BytesIO())
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0 and box.x1 <= figure.bbox.width
+    assert len(figure.legends) == 1
 
 
 def test_zero_shot_curves_are_drawn_from_files_and_folders(tmp_path):

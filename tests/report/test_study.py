@@ -89,9 +89,13 @@ def test_a_claim_about_training_falls_with_its_numbers(changed, claim):
     assert [held for text, held in found.items() if claim in text] == [False]
 
 
-def test_a_lead_of_less_than_a_point_tells_nothing():
-    found = verdicts(entries({**PAPER, "mlp": 0.965}))
-    assert [held for text, held in found.items() if "trains best" in text] == [None]
+@pytest.mark.parametrize(
+    ("changed", "claim"),
+    [({"mlp": 0.965}, "trains best"), ({"mlp": 0.9, "gatv2 full": 0.895}, "fall behind")],
+)
+def test_a_lead_of_less_than_a_point_tells_nothing(changed, claim):
+    found = verdicts(entries({**PAPER, **changed}))
+    assert [held for text, held in found.items() if claim in text] == [None]
 
 
 def test_the_breakpoint_claim_falls_when_controllers_break_down_earlier():
