@@ -160,8 +160,9 @@ def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -
             claim(folder, grid)
             damaged = set_damaged_aside(folder, grid)
             if damaged:
-                more = f" (and {len(damaged) - 1} more)" if len(damaged) > 1 else ""
-                raise InputError(f"{damaged[0]}{more}; the same command does it again")
+                *others, last = damaged
+                print(*(f"salpchain: {one}" for one in others), sep="\n", file=sys.stderr)
+                raise InputError(f"{last}; the same command does again what was set aside")
             with sweep_display() as watch:
                 failures = sweep(folder, grid, executor, watch, together)
             for line in failures:

@@ -187,7 +187,10 @@ def read_grid(folder: Path) -> Grid:
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{folder / GRID_FILE} does not describe a grid ({error})") from None
+        raise InputError(
+            f"{folder / GRID_FILE} does not describe a grid ({type(error).__name__}: {error}):"
+            " restore it, or choose another folder"
+        ) from None
 
 
 def _check_same(folder: Path, grid: Grid) -> None:

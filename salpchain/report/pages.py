@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from salpchain.files import write_text
-from salpchain.report.claims import Claim
+from salpchain.report.claims import ABOUT_CLAIMS, Claim
 
 # A cell that holds a number: with a unit, a spread or one beside it at the most.
 NUMBER = re.compile(r"-|-?[\d.,]+( %| min)?( \([^)]*\))?|(-|[\d.]+) / (-|[\d.]+)")
@@ -56,7 +56,8 @@ def write_report(report: Report, folder: Path) -> list[Path]:
 
 def _claims_table(claims: Sequence[Claim]) -> Table:
     rows = [[c.text, VERDICTS[c.held], c.evidence, c.where] for c in claims]
-    return Table("The paper's claims", ["claim", "here", "evidence", "in the paper"], rows)
+    columns = ["claim", "here", "evidence", "in the paper"]
+    return Table("The paper's claims", columns, rows, ABOUT_CLAIMS)
 
 
 def markdown(report: Report) -> str:

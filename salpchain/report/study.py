@@ -85,6 +85,22 @@ def _interval(measure: str, own: dict[str, Any]) -> dict[str, float | None]:
     }
 
 
+def reach_of(table: Any, measure: str, trained_on: int) -> tuple[int, int] | None:
+    """The shortest and longest of the lengths around the training length that a controller serves.
+
+    Served are those at which its mean over seeds is 90 % or more; all tested between the two are.
+    None where the length next to that of training is not.
+    """
+    mean = table.groupby("at")[measure].mean().sort_index()
+    own = int(np.abs(mean.index - trained_on).argmin())
+    below = np.flatnonzero(~(mean.to_numpy() >= HELD))
+    if own in below:
+        return None
+    first = max(below[below < own], default=-1) + 1
+    last = min(below[below > own], default=len(mean)) - 1
+    return int(mean.index[first]), int(mean.index[last])
+
+
 def breakpoint_of(table: Any, measure: str) -> int | None:
     """The largest length up to which a controller's mean over seeds never falls below 90 %.
 

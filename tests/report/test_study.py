@@ -11,7 +11,13 @@ from salpchain.report.claims import facts, judge, success_at_end
 from salpchain.report.pages import Report, Table, write_report
 from salpchain.report.paper_figures import figure_3, figure_4, interval_half, normalised_curves
 from salpchain.report.reference import AT, FIGURE_3, FIGURE_4
-from salpchain.report.study import Entry, breakpoint_of, episode_return, zero_shot_table
+from salpchain.report.study import (
+    Entry,
+    breakpoint_of,
+    episode_return,
+    reach_of,
+    zero_shot_table,
+)
 
 TESTS = (4, 8, 12, 16, 20, 24, 28, 32)
 BEST = {"gt mixed": 0.96, "gt full": 0.96, "mlp": 0.93, "gcn mixed": 0.92, "gatv2 mixed": 0.92}
@@ -199,6 +205,15 @@ def test_a_breakpoint_is_the_last_length_before_the_first_below_90_percent():
     table = zero_shot_table(entries({"gcn mixed": 1.0}, knee=16), "fixed")
     assert breakpoint_of(table, "closed_fraction") == 20
     assert breakpoint_of(table[table["at"] > 24], "closed_fraction") is None
+
+
+def test_a_controller_reaches_as_far_around_its_training_length_as_it_serves_all():
+    held = [0.8, 0.95, 0.95, 0.9, 0.7, 0.99]
+    table = pd.DataFrame({"at": [4, 8, 12, 16, 20, 24], "closed_fraction": held})
+    assert reach_of(table, "closed_fraction", 8) == (8, 16)
+    assert reach_of(table, "closed_fraction", 23) == (24, 24)
+    assert reach_of(table, "closed_fraction", 20) is None
+    assert reach_of(table.iloc[1:4], "closed_fraction", 12) == (8, 16)
 
 
 def test_intervals_over_seeds_are_students():
