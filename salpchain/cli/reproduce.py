@@ -6,7 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from salpchain.cli.options import Folder, Lengths, Name, Whole, positive, text_option, whole
+from salpchain.cli.options import (
+    Folder,
+    Lengths,
+    Name,
+    Whole,
+    number,
+    positive,
+    text_option,
+    whole,
+)
 from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import one_of
@@ -129,7 +138,7 @@ def grid_of(options: Reproduce) -> Grid:
         models=models,
         graphs=graphs,
         lengths=lengths,
-        seeds=positive("seeds", options.seeds),
+        seeds=number("seeds", options.seeds),
         steps=whole("steps", options.steps),
         trials=positive("trials", options.trials),
         tests=tests,
