@@ -19,6 +19,7 @@ from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
+from salpchain.training.devices import use_devices
 from salpchain.training.trainer import resume, train
 from studies import program
 
@@ -50,6 +51,7 @@ def release(name: str, runs: Path) -> None:
     """Trains, tests and writes one policy; what is tested is the file that is released."""
     make, about = RECIPES[name]
     run = runs / name
+    use_devices()
     if not (run / run_folder.SUMMARY_FILE).exists():
         if (run / run_folder.CONFIG_FILE).exists():
             resume(run)
