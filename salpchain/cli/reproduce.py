@@ -170,7 +170,8 @@ def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -
             damaged = set_damaged_aside(folder, grid)
             if damaged:
                 *others, last = damaged
-                print(*(f"salpchain: {one}" for one in others), sep="\n", file=sys.stderr)
+                for one in others:
+                    print(f"salpchain: {one}", file=sys.stderr)
                 raise InputError(f"{last}; the same command does again what was set aside")
             with sweep_display() as watch:
                 failures = sweep(folder, grid, executor, watch, together)

@@ -97,7 +97,7 @@ BAD = [
     (["reproduce", "--out", "NEW", "--models", "mlp", "--tests", "4,8"], "got tests at 4"),
     (["reproduce", "--out", "NEW", "--graphs", "ring"], "choose one of mixed, full"),
     (["reproduce", "--out", "NEW", "--models", "gcn,"], "--models must be names"),
-    (["reproduce", "--out", "NEW", "--seeds", "0"], "at least 1"),
+    (["reproduce", "--out", "NEW", "--seeds", "0"], "seeds must be 1 to 1000, got 0"),
     (["reproduce", "--out", "NEW", "--jobs", "0"], "at least 1"),
     (["reproduce", "--out", "NEW", "--executor", "slurm"], "choose one of local, ray"),
     (["reproduce", "--out", "NEW", "--address", "head:6379"], "add --executor ray"),

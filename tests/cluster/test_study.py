@@ -98,10 +98,13 @@ def test_a_study_that_was_killed_goes_on_and_ends_with_the_same_policies(undistu
 def test_a_damaged_result_is_named_and_set_aside_then_done_again(undisturbed, tmp_path):
     folder = tmp_path / "damaged"
     shutil.copytree(undisturbed, folder)
-    harmed = run_of(folder, GRID.jobs()[1]) / "fixed" / "evaluation.json"
-    harmed.write_text(harmed.read_text()[:-30])
+    harmed = [run_of(folder, job) / "fixed" / "evaluation.json" for job in GRID.jobs()[:2]]
+    for path in harmed:
+        path.write_text(path.read_text()[:-30])
     status, said = reproduce(folder, jobs="1")
-    assert status == 2 and said.count("\n") == 1 and "fixed.damaged" in said
+    assert status == 2 and said.count("\n") == 2
+    for path, line in zip(harmed, said.splitlines(), strict=True):
+        assert str(path) in line and "fixed.damaged" in line
     status, said = reproduce(folder, jobs="1")
     assert status == 0, said
     mended, meant = (x / "report" / "zero-shot-fixed.csv" for x in (folder, undisturbed))
