@@ -99,12 +99,15 @@ def run_one(what: tuple[Path, TrainConfig]) -> None:
     """Trains and tests one variant with one seed, on one core, as far as that is not done."""
     run, config = what
     print(run, flush=True)
-    if not (run / run_folder.SUMMARY_FILE).exists():
-        if (run / run_folder.CONFIG_FILE).exists():
-            resume(run)
-        else:
-            train(config, run, devices=1)
-    evaluate(load(run), LENGTHS, TRIALS, LIMIT, SEED, run, baseline=False)
+    try:
+        if not (run / run_folder.SUMMARY_FILE).exists():
+            if (run / run_folder.CONFIG_FILE).exists():
+                resume(run)
+            else:
+                train(config, run, devices=1)
+        evaluate(load(run), LENGTHS, TRIALS, LIMIT, SEED, run, baseline=False)
+    except KeyboardInterrupt:
+        sys.exit(130)  # without a word: the process that started this one says it
 
 
 def _run_of(out: Path, name: str, seed: int) -> Path:
