@@ -142,6 +142,7 @@ def table(summary: Summary) -> Table:
     return made
 
 
+RATIOS = ("time_ratio", "straight_ratio")
 ASKED = {
     "far": "distance (chain lengths)",
     "turn": "turn of the target (degrees)",
@@ -154,13 +155,13 @@ def difficulty_table(summary: Summary) -> Table:
     made = Table(
         title="by difficulty, in thirds of each length's trials",
         caption="means; success with its 95 % interval; time: median steps to the goal over the"
-        " fewest that physics allows",
+        " fewest that physics allows, and over those of a chain that turns without bending",
         title_justify="left",
         box=SIMPLE_HEAD,
         pad_edge=False,
     )
     made.add_column("by")
-    for name in ("mean", "success", "closed", "time"):
+    for name in ("mean", "success", "closed", "time", "turning"):
         made.add_column(name, justify="right", no_wrap=True)
     for name, thirds in summary["by_difficulty"].items():
         for place, third in enumerate(thirds):
@@ -170,7 +171,7 @@ def difficulty_table(summary: Summary) -> Table:
                 f"{scale * third['mean']:{unit}}",
                 _percent(third["success"], 0),
                 f"{100 * third['closed_fraction']:.1f}",
-                "-" if third["time_ratio"] is None else f"{third['time_ratio']:.2f}",
+                *("-" if x is None else f"{x:.2f}" for x in (third[name] for name in RATIOS)),
             )
     return made
 

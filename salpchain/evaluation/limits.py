@@ -5,9 +5,8 @@ units and links. Drag multiplies its velocity by 1 - drag once at the start of a
 thrusts, at most one newton each, then add to it in every substep, before the position moves.
 """
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.chain import Chain, Physics, Scalar
 
@@ -43,8 +42,27 @@ def distance_covered(physics: Physics, length: int | Array, steps: int | Array) 
     the chain moves T (1 - drag) v_(j-1) + a T^2 (S + 1) / (2 S), where v_j is a T times the sum
     of (1 - drag)^i over i < j.
     """
+    return _covered(physics, acceleration(physics, length), steps)
+
+
+def angle_turned(physics: Physics, length: int | Array, steps: int | Array) -> Scalar:
+    """Farthest (rad) that a chain which stays straight turns from rest in so many control steps.
+
+    All units thrust one way round its middle. Drag slows turning as it slows swimming, so the
+    angle grows as the distance covered does.
+    """
+    link, squares = physics.link_length, length * (length**2 - 1) / 12  # of units' places, in links
+    torque = MOST_THRUST * link * (length**2 // 4)
+    units = length * physics.unit_inertia + physics.unit_mass * link**2 * squares
+    between = (length - 1) * length * (length - 2) / 12  # as `squares`, of the links' middles
+    links = (length - 1) * physics.link_inertia + physics.link_mass * link**2 * between
+    return _covered(physics, torque / (units + links), steps)
+
+
+def _covered(physics: Physics, acceleration: Scalar, steps: int | Array) -> Scalar:
+    """Way from rest in so many control steps under a constant acceleration (1/s2) and drag."""
     step, keep = physics.control_step, 1 - physics.drag
-    gain = acceleration(physics, length) * step
+    gain = acceleration * step
     glide = keep * gain * _sum_of_sums(keep, steps)
     return step * (glide + steps * gain * _mean_of_ramp(physics))
 
@@ -92,12 +110,28 @@ def fewest_steps(
     """Control steps before which the chain, at rest, cannot take the target point for point.
 
     Each unit must come within the tolerance (m) of its own target point. Turning and bending, which
-    take time too, are not counted: a folded chain turns as fast as it likes. At most `most`.
+    take time too, are not counted: a folded chain turns as fast as it likes (`steps_to_turn` has
+    the time that a straight one takes). At most `most`.
     """
     gap = least_distance(physics, chain, target, 0) - tolerance
-    length = chain.present.sum()
-    covered = jax.vmap(lambda steps: distance_covered(physics, length, steps))
-    return 1 + (covered(jnp.arange(1, most + 1)) < gap).sum(dtype=jnp.int32)
+    return 1 + _count(distance_covered(physics, chain.present.sum(), jnp.arange(1, most)) < gap)
+
+
+def steps_to_turn(
+    physics: Physics, length: int | Array, turn: Float[Array, ""], tolerance: float, most: int
+) -> Int[Array, ""]:
+    """Control steps before which a chain that stays straight cannot have turned by `turn` (rad).
+
+    Its end units may be off by the tolerance (m). Unlike `fewest_steps` this is no bound for a
+    chain that bends. At most `most`.
+    """
+    half = (length - 1) * physics.link_length / 2
+    left = turn - 2 * jnp.arcsin(jnp.minimum(tolerance / (2 * half), 1.0))
+    return 1 + _count(angle_turned(physics, length, jnp.arange(1, most)) < left)
+
+
+def _count(each: Bool[Array, " step"] | bool) -> Int[Array, ""]:
+    return jnp.sum(each, dtype=jnp.int32)
 
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:

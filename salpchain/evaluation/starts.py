@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int
 from salpchain.domain.config import LONGEST, STEPS_PER_UNIT
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import SCLD, State
-from salpchain.evaluation.limits import fewest_steps, reachable
+from salpchain.evaluation.limits import fewest_steps, reachable, steps_to_turn
 from salpchain.physics.chain import Chain, wrap
 
 MOST_STEPS = STEPS_PER_UNIT * LONGEST  # control steps, of the longest chain's scaled limit
@@ -19,6 +19,7 @@ class Start(eqx.Module):
     origin: Float[Array, "2"]  # m, centroid of the units
     reachable: Float[Array, ""]  # closed fraction that no controller can exceed
     fewest_steps: Int[Array, ""]  # control steps before which no controller can be at the goal
+    turn_steps: Int[Array, ""]  # before which no chain that stays straight has turned as far
     far: Float[Array, ""]  # mean distance to the target points, in lengths of the chain
     turn: Float[Array, ""]  # rad, 0 to pi, from the chain's direction to the target's
     bend: Float[Array, ""]  # rad, sum of all turns along the target
@@ -27,12 +28,13 @@ class Start(eqx.Module):
 def start_of(env: SCLD, state: State) -> Start:
     """Of an episode that has just begun."""
     chain, target, length = state.chain, state.target, state.length
-    limit = env.step_limit(length)
+    limit, tolerance = env.step_limit(length), env.config.tolerance
     turn, bend = _turn_and_bend(chain, target)
     return Start(
         origin=centroid(chain),
         reachable=reachable(env.physics, chain, target, limit),
-        fewest_steps=fewest_steps(env.physics, chain, target, env.config.tolerance, MOST_STEPS),
+        fewest_steps=fewest_steps(env.physics, chain, target, tolerance, MOST_STEPS),
+        turn_steps=steps_to_turn(env.physics, length, turn, tolerance, MOST_STEPS),
         far=state.start_distance / (length * LINK),
         turn=turn,
         bend=bend,

@@ -76,6 +76,17 @@ class Physics(eqx.Module):
         if isinstance(self.drag, int | float) and not 0 <= self.drag < 1:
             raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
 
+    @property
+    def unit_inertia(self) -> Scalar:
+        """Moment of inertia of a box (kg m2)."""
+        size = self.unit_length**2 + self.unit_width**2
+        return self.unit_mass * size / 12
+
+    @property
+    def link_inertia(self) -> Scalar:
+        """Moment of inertia of a rod (kg m2)."""
+        return self.link_mass * self.link_length**2 / 12
+
 
 _POSITIVE = {
     "unit_length": "m",

@@ -44,17 +44,6 @@ class Rig(NamedTuple):
         """Length of a substep (s)."""
         return self.physics.control_step / self.physics.substeps
 
-    @property
-    def unit_inertia(self) -> Any:
-        """Moment of inertia of a box (kg m2)."""
-        size = self.physics.unit_length**2 + self.physics.unit_width**2
-        return self.physics.unit_mass * size / 12
-
-    @property
-    def link_inertia(self) -> Any:
-        """Moment of inertia of a rod (kg m2)."""
-        return self.physics.link_mass * self.physics.link_length**2 / 12
-
 
 class Substate(NamedTuple):
     """Both kinds of body, and what is kept up with them."""
@@ -122,8 +111,8 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
         load.torque + _gather(joints.first_torque, joints.second_torque),
     )
     physics = rig.physics
-    links = _integrate(rig, links, on_links, physics.link_mass, rig.link_inertia, keep)
-    units = _integrate(rig, units, on_units, physics.unit_mass, rig.unit_inertia, keep)
+    links = _integrate(rig, links, on_links, physics.link_mass, physics.link_inertia, keep)
+    units = _integrate(rig, units, on_units, physics.unit_mass, physics.unit_inertia, keep)
     half = _turn(half, rig.dt * links.angular_velocity)
     return Substate(units, links, half, nearest, touching)
 

@@ -6,6 +6,7 @@ import pytest
 
 from salpchain.evaluation.limits import (
     acceleration,
+    angle_turned,
     centre_of_mass,
     centroid_slack,
     cruising_speed,
@@ -13,6 +14,7 @@ from salpchain.evaluation.limits import (
     fewest_steps,
     least_distance,
     reachable,
+    steps_to_turn,
     top_speed,
 )
 from salpchain.physics.chain import Physics, at_rest, heading, step
@@ -52,6 +54,31 @@ def test_a_straight_chain_under_full_thrust_swims_exactly_at_the_limit(num):
     np.testing.assert_allclose(speeds[-10:].mean(), cruising_speed(rigid, num), rtol=0.01)
     np.testing.assert_allclose(velocities[-1, 1], top_speed(rigid, num), rtol=0.01)
     assert velocities.max() <= top_speed(rigid, num) * (1 + 1e-5)
+
+
+@pytest.mark.parametrize("num", [3, 8, 9])  # two spin so fast that thrusts, held, point askew
+def test_a_straight_stiff_chain_that_thrusts_round_its_middle_turns_at_the_limit(num):
+    stiff = Physics(angle_stiffness=20.0, joint_stiffness=1e5, softness=1e-4, substeps=200)
+    thrusts = jnp.sign(jnp.arange(num) - (num - 1) / 2)
+    _, _, positions = swim(straight(num, stiff), jnp.tile(thrusts, (12, 1)), stiff)
+    across, along = np.moveaxis(np.asarray(positions[:, -1] - positions[:, 0]), -1, 0)[::-1]
+    turned = np.unwrap(np.arctan2(across, along))
+    bound = np.array([angle_turned(stiff, num, k) for k in range(1, 13)])
+    assert turned[-1] > 0.4
+    np.testing.assert_allclose(turned, bound, rtol=0.02, atol=0.003)  # it flexes at first
+
+
+@pytest.mark.parametrize("num", [2, 16, 128])
+@pytest.mark.parametrize("turn", [0.0, 0.3, 3.0])
+def test_the_steps_to_turn_are_the_first_after_which_its_ends_are_where_they_should(num, turn):
+    steps = int(steps_to_turn(PHYSICS, num, jnp.float32(turn), 0.05, 4000))
+    half = (num - 1) * LINK / 2
+    off = [
+        2 * half * np.sin(max(turn - float(angle_turned(PHYSICS, num, k)), 0) / 2)  # a chord
+        for k in range(1, steps + 1)
+    ]
+    assert off[-1] <= 0.05 + 1e-4
+    assert all(chord > 0.05 - 1e-4 for chord in off[:-1])
 
 
 def test_the_distance_covered_is_what_the_substeps_add_up_to():
