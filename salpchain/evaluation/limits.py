@@ -5,8 +5,13 @@ units and links. Drag multiplies its velocity by 1 - drag once at the start of a
 thrusts, at most one newton each, then add to it in every substep, before the position moves.
 """
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from salpchain.physics.chain import Chain, Physics, Scalar
 
@@ -114,7 +119,7 @@ def fewest_steps(
     the time that a straight one takes). At most `most`.
     """
     gap = least_distance(physics, chain, target, 0) - tolerance
-    return 1 + _count(distance_covered(physics, chain.present.sum(), jnp.arange(1, most)) < gap)
+    return _first(partial(distance_covered, physics, chain.present.sum()), gap, most)
 
 
 def steps_to_turn(
@@ -127,11 +132,12 @@ def steps_to_turn(
     """
     half = (length - 1) * physics.link_length / 2
     left = turn - 2 * jnp.arcsin(jnp.minimum(tolerance / (2 * half), 1.0))
-    return 1 + _count(angle_turned(physics, length, jnp.arange(1, most)) < left)
+    return _first(partial(angle_turned, physics, length), left, most)
 
 
-def _count(each: Bool[Array, " step"] | bool) -> Int[Array, ""]:
-    return jnp.sum(each, dtype=jnp.int32)
+def _first(covered: Callable[[Array], Any], way: Float[Array, ""], most: int) -> Int[Array, ""]:
+    """The first control step after which that way is covered, 1 to `most`."""
+    return 1 + (jax.vmap(covered)(jnp.arange(1, most)) < way).sum(dtype=jnp.int32)
 
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
