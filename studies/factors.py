@@ -19,13 +19,14 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from scipy.stats import ttest_ind
 
 from salpchain.control.storage import load
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
-from salpchain.evaluation.config import TRIALS_FILE
+from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
-from salpchain.files import write_bytes, write_text
+from salpchain.files import read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
 from salpchain.report.figures import STYLE
 from salpchain.training import presets, run_folder
@@ -38,6 +39,7 @@ LENGTHS = (2, 4, 8, 16, 32, 64)
 TRIALS = 100
 SEED = 4000  # of the starts that judge (chosen)
 LIMIT = "scaled"
+GROUPS = ((2, 4, 8, 16), (32, 64))  # lengths that base was trained on, and beyond
 ALL = tuple(range(2, 17))  # units
 COLOURED = 30  # points of gain or loss with the strongest colour
 
@@ -89,7 +91,7 @@ def study(out: Path, seeds: int, each: Callable[..., Iterable[None]] = map) -> N
         for seed in range(seeds)
         for name, config in VARIANTS.items()
     ]
-    missing = [run for run in runs if not (run[0] / TRIALS_FILE).exists()]
+    missing = [run for run in runs if not (run[0] / SUMMARY_FILE).exists()]
     for _ in each(run_one, missing):
         write_report(out)
     write_report(out)
@@ -118,11 +120,11 @@ def write_report(out: Path) -> None:
     """One row for each variant, seed and length; and a table of means over seeds."""
     rows = []
     for name in VARIANTS:
-        for path in sorted(_run_of(out, name, 0).parent.glob(f"seed-*/{TRIALS_FILE}")):
-            for length, frame in pd.read_csv(path).groupby("length"):
-                about = {"variant": name, "seed": path.parent.name, "length": length}
-                closed = frame.closed_fraction.mean()
-                rows.append({**about, "success": frame.success.mean(), "closed_fraction": closed})
+        for path in sorted(_run_of(out, name, 0).parent.glob(f"seed-*/{SUMMARY_FILE}")):
+            about = {"variant": name, "seed": path.parent.name}
+            for row in read_json(path)["lengths"]:
+                means = {key: row[key]["mean"] for key in ("success", "closed_fraction")}
+                rows.append({**about, "length": row["length"], **means})
     table = pd.DataFrame(rows)
     write_text(out / "factors.csv", table.to_csv(index=False))
     write_text(out / "report.md", as_markdown(table))
@@ -130,23 +132,69 @@ def write_report(out: Path) -> None:
 
 
 def as_markdown(table: pd.DataFrame) -> str:
-    """Mean success over seeds, with the lowest and the highest."""
+    """What each change costs or buys, with intervals; then mean success by length."""
     steps = f"{STEPS:,} steps each, {TRIALS} episodes of each length, time limit `{LIMIT}`"
-    lines = ["# What makes a controller hold at any length", ""]
-    lines += [
-        "`gcn` on `mixed` with `proximity`, trained on 2 to 16 units, one factor changed at a time:"
-        f" {steps}.",
+    return "\n".join(
+        [
+            "# What makes a controller hold at any length",
+            "",
+            "`gcn` on `mixed` with `proximity`, trained on 2 to 16 units, one factor changed at a"
+            f" time: {steps}.",
+            "",
+            *_what_each_buys(table),
+            "",
+            "Success in percent, mean over seeds (lowest to highest):",
+            "",
+            "| variant | seeds | " + " | ".join(f"{n} units" for n in LENGTHS) + " |",
+            "| --- | --- |" + " --- |" * len(LENGTHS),
+            *(_row(name, frame) for name, frame in table.groupby("variant", sort=False)),
+            "",
+        ]
+    )
+
+
+def _row(name: Any, frame: pd.DataFrame) -> str:
+    by_length = 100 * frame.groupby("length").success.agg(["mean", "min", "max"])
+    cells = [f"{row['mean']:.0f} ({row['min']:.0f} to {row['max']:.0f})"
+             for _, row in by_length.iterrows()]  # fmt: skip
+    return f"| {name} | {frame.seed.nunique()} | " + " | ".join(cells) + " |"
+
+
+def _what_each_buys(table: pd.DataFrame) -> list[str]:
+    """Points of success lost or won against `base`, averaged over short and over long lengths."""
+    lines = [
+        "Points of success more than `base` [95 % interval of the difference of means over seeds,"
+        f" Welch's t]; among {len(VARIANTS) - 1} variants one may seem to differ by chance:",
         "",
+        "| change | " + " | ".join(f"mean of {_listed(group)} units" for group in GROUPS) + " |",
+        "| --- |" + " --- |" * len(GROUPS),
     ]
-    lines += ["Success in percent, mean over seeds (lowest to highest)."]
-    lines += ["", "| variant | seeds | " + " | ".join(f"{n} units" for n in LENGTHS) + " |"]
-    lines.append("| --- | --- |" + " --- |" * len(LENGTHS))
-    for name, frame in table.groupby("variant", sort=False):
-        by_length = 100 * frame.groupby("length").success.agg(["mean", "min", "max"])
-        cells = [f"{row['mean']:.0f} ({row['min']:.0f} to {row['max']:.0f})"
-                 for _, row in by_length.iterrows()]  # fmt: skip
-        lines.append(f"| {name} | {frame.seed.nunique()} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+    kinds = [_over_lengths(table, group) for group in GROUPS]
+    names = set(table.variant) - {"base"} if "base" in set(table.variant) else ()
+    for name in (name for name in VARIANTS if name in names):
+        cells = [_gain(kind[name].to_numpy(), kind["base"].to_numpy()) for kind in kinds]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def _over_lengths(table: pd.DataFrame, lengths: tuple[int, ...]) -> pd.Series:
+    """Mean success in percent of each (variant, seed)."""
+    rows = table[table.length.isin(lengths)]
+    return 100 * rows.groupby(["variant", "seed"], sort=False).success.mean()
+
+
+def _listed(lengths: tuple[int, ...]) -> str:
+    return f"{', '.join(map(str, lengths[:-1]))} and {lengths[-1]}"
+
+
+def _gain(own: np.ndarray, base: np.ndarray) -> str:
+    """Difference of the means; bold where the interval leaves out 0."""
+    mean = f"{own.mean() - base.mean():+.1f}"
+    if min(len(own), len(base)) < 2 or np.ptp(own) == np.ptp(base) == 0:
+        return mean
+    interval = ttest_ind(own, base, equal_var=False).confidence_interval(0.95)
+    text = f"{mean} [{interval.low:+.1f}, {interval.high:+.1f}]"
+    return text if interval.low <= 0 <= interval.high else f"**{text}**"
 
 
 def as_picture(table: pd.DataFrame) -> bytes:

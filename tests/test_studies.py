@@ -5,6 +5,7 @@ import pandas as pd
 
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
+from salpchain.files import write_json
 from studies import bars, factors, transfer
 from tests.interop.policies import fresh
 
@@ -38,9 +39,10 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
     done = []
 
     def test(policy, lengths, trials, time_limit, seed, out, baseline):
-        rows = {"length": [4, 4, 8, 8], "success": [True, False, True, True]}
+        closed = {"closed_fraction": {"mean": 0.9}}
+        rows = [{"length": n, "success": {"mean": n / 8}, **closed} for n in lengths]
         out.mkdir(parents=True, exist_ok=True)
-        pd.DataFrame({**rows, "closed_fraction": 0.9}).to_csv(out / "evaluation.csv")
+        write_json(out / "evaluation.json", {"lengths": rows})
 
     def learn(config, run, devices):
         done.append((run.parent.name, config.seed))
@@ -49,6 +51,7 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
         factors, "VARIANTS", {k: factors.VARIANTS[k] for k in ("base", "no entropy")}
     )
     monkeypatch.setattr(factors, "LENGTHS", (4, 8))
+    monkeypatch.setattr(factors, "GROUPS", ((4, 8),))
     for name, stand_in in (("train", learn), ("evaluate", test), ("load", lambda run: None)):
         monkeypatch.setattr(factors, name, stand_in)
     for _ in range(2):
@@ -59,6 +62,19 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
         "| no entropy | 2 | 50 (50 to 50) | 100 (100 to 100) |"
         in (tmp_path / "report.md").read_text()
     )
+
+
+def test_the_report_says_what_a_change_buys_with_the_interval_of_welch():
+    rows = [
+        {"variant": name, "seed": f"seed-{seed}", "length": n, "success": x, "closed_fraction": 1.0}
+        for name, seeds in (("graph near", (0.5, 0.6, 0.7)), ("base", (0.9, 0.8, 1.0)))
+        for seed, x in enumerate(seeds)
+        for n in factors.LENGTHS
+    ]
+    text = factors.as_markdown(pd.DataFrame(rows))
+    # by hand: t of 4 degrees of freedom at 97.5 % is 2.776, standard errors 10 / sqrt(3) each
+    assert "| graph near | **-30.0 [-52.7, -7.3]** | **-30.0 [-52.7, -7.3]** |" in text
+    factors.as_markdown(pd.DataFrame(rows[: 3 * len(factors.LENGTHS)]))  # base is not done yet
 
 
 def test_each_variant_changes_one_thing():
