@@ -44,12 +44,15 @@ ALL = tuple(range(2, 17))  # units
 COLOURED = 30  # points of gain or loss with the strongest colour
 
 
-def variant(lengths: tuple[int, ...] = ALL, **changes: dict[str, Any]) -> TrainConfig:
+def variant(
+    lengths: tuple[int, ...] = ALL, weights: tuple[float, ...] = (), **changes: dict[str, Any]
+) -> TrainConfig:
     """The base, `quick` on several lengths, with some settings changed."""
     config = presets.choose("quick", mix=Mix(ALL), steps=STEPS)
     parts = {name: replace(getattr(config, name), **new) for name, new in changes.items()}
     task = replace(parts.pop("task", config.task), length=lengths[-1])
-    return replace(config, task=task, mix=Mix(lengths if len(lengths) > 1 else ()), **parts)
+    mix = Mix(lengths, weights) if len(lengths) > 1 else Mix()
+    return replace(config, task=task, mix=mix, **parts)
 
 
 VARIANTS: dict[str, TrainConfig] = {
@@ -73,6 +76,7 @@ VARIANTS: dict[str, TrainConfig] = {
     "no entropy": variant(ppo={"entropy": 0.0}),
     "entropy to the end": variant(ppo={"final_entropy": 1.0}),
     "scaled time limit": variant(task={"time_limit": "scaled"}),
+    "more of the longer": variant(weights=tuple(map(float, ALL))),
     "trained on 8": variant((8,)),
     "trained on 16": variant((16,)),
     "trained on 16, a log-std for each unit": variant((16,), control={"shared_log_std": False}),
