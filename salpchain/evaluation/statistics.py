@@ -23,7 +23,7 @@ MEASURES = (
     "reachable",
     "regret",
     "time_ratio",
-    "straight_ratio",
+    "turn_steps",
 )
 HARDNESS = ("far", "turn", "bend")  # what makes a start hard
 THIRDS = ("low", "middle", "high")
@@ -78,7 +78,7 @@ def _of_third(third: str, rows: pd.DataFrame, name: str) -> Summary:
         "mean": _number(rows[name].mean()),
         "success": share(int(np.count_nonzero(rows["success"])), len(rows)),
         "closed_fraction": _number(rows["closed_fraction"].mean()),
-        **{name: _number(rows[name].median()) for name in ("time_ratio", "straight_ratio")},
+        "time_ratio": _number(rows["time_ratio"].median()),
     }
 
 

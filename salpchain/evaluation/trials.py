@@ -350,19 +350,17 @@ def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
     reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
     turn_steps (before which no chain that stays straight has turned to the target's direction),
     how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
-    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest),
-    straight_ratio (over the larger of fewest_steps and turn_steps).
+    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
     """
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
     moved = jax.vmap(jax.vmap(centroid))(state.chain) - trials.start.origin
-    beeline = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
+    straight = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
     path = np.asarray(trials.path, np.float64)
     final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
     names = ("reachable", "fewest_steps", "turn_steps", "far", "turn", "bend")
     given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
     steps_to_goal = np.where(success, time, np.nan)
-    straight = np.maximum(given["fewest_steps"], given["turn_steps"])
     return {
         "success": success,
         "closed_fraction": 1 - final / start,
@@ -371,10 +369,9 @@ def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
         "steps_to_goal": steps_to_goal,
         "steps": time,
         "thrust_effort": np.asarray(trials.effort, np.float64),
-        "path_efficiency": np.divide(beeline, path, np.full_like(path, np.nan), where=path > 0),
+        "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
         "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
         **given,
         "regret": np.where(success, 0.0, given["reachable"] - (1 - final / start)),
         "time_ratio": steps_to_goal / given["fewest_steps"],
-        "straight_ratio": steps_to_goal / straight,
     }

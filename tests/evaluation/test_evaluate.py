@@ -7,9 +7,11 @@ import pytest
 from rich.console import Console
 
 from salpchain.control.greedy import Greedy
+from salpchain.control.mpc import MPC
 from salpchain.control.policy import PolicyCard
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
+from salpchain.evaluation.handicaps import Delayed
 from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
 from tests.evaluation.controllers import Constant
 
@@ -103,6 +105,25 @@ def test_a_single_trial_has_an_interval_of_success_alone(evaluation):
 def test_the_baseline_is_not_its_own_baseline(monkeypatch):
     monkeypatch.setattr(module, "run_limits", trials_by_formula)
     assert evaluate(Greedy(), [4], TRIALS, "fixed", 5)["baseline"] is None
+
+
+def test_a_planner_does_not_plan_on_while_the_baseline_swims(monkeypatch):
+    crews = []
+
+    def play(controllers, *args):
+        crews.append([controller.card.name for controller in controllers])
+        return trials_by_formula(controllers, *args)
+
+    monkeypatch.setattr(module, "run_limits", play)
+    summary = evaluate(MPC(), [4], TRIALS, "fixed", 5)
+    assert crews == [["greedy"], ["mpc"]]
+    assert (summary["policy"], summary["baseline"]["policy"]) == ("mpc", "greedy")
+
+
+def test_a_controller_that_remembers_and_its_baseline_start_alike():
+    summary = evaluate(Delayed(Constant(0.5)), [3], 4, "fixed", 7)
+    own, other = summary["lengths"][0], summary["baseline"]["lengths"][0]
+    assert own["start_distance"]["mean"] == pytest.approx(other["start_distance"]["mean"], rel=1e-5)
 
 
 def test_real_trials_of_both_start_alike_and_greedy_closes_more(tmp_path):

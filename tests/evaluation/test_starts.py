@@ -3,9 +3,10 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import TaskConfig
+from salpchain.domain.config import GOAL_LIMIT, TaskConfig
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import SCLD
+from salpchain.evaluation.limits import angle_turned
 from salpchain.evaluation.starts import start_of
 
 
@@ -24,5 +25,12 @@ def test_how_hard_a_start_is_by_naive_reference(length, slots):
         one, other = position[-1] - position[0], target[-1] - target[0]
         cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
         assert np.cos(float(starts.turn[index])) == pytest.approx(cosine, abs=1e-3)
+        steps, half = int(starts.turn_steps[index]), np.linalg.norm(one) / 2
+        ends_off = [
+            2 * half * np.sin(max(np.arccos(cosine) - angle_turned(env.physics, length, k), 0) / 2)
+            for k in (steps - 1, steps)  # the ends lie on a circle about the chain's middle
+        ]
+        assert ends_off[1] <= GOAL_LIMIT + 1e-3
+        assert steps == 1 or ends_off[0] > GOAL_LIMIT - 1e-3
         angle = np.unwrap(np.arctan2(*np.diff(target, axis=0).T[::-1]))
         assert float(starts.bend[index]) == pytest.approx(np.abs(np.diff(angle)).sum(), abs=1e-3)
