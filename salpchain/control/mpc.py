@@ -1,4 +1,4 @@
-"""Model-predictive control by sampling: a slow near-oracle for short chains.
+"""Model-predictive control by sampling: a slow yardstick for short chains (docs/any-length.md).
 
 The cross-entropy method (Rubinstein 1999; de Boer et al. 2005) on smooth thrust sequences, planned
 anew at every control step on the engine itself, warm-started from the step before.
