@@ -77,14 +77,14 @@ class Physics(eqx.Module):
             raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
 
     @property
-    def unit_inertia(self) -> Scalar:
-        """Moment of inertia of a box (kg m2)."""
+    def unit_inertia(self) -> Any:
+        """Moment of inertia of a box (kg m2); of many, where the constants are."""
         size = self.unit_length**2 + self.unit_width**2
         return self.unit_mass * size / 12
 
     @property
-    def link_inertia(self) -> Scalar:
-        """Moment of inertia of a rod (kg m2)."""
+    def link_inertia(self) -> Any:
+        """Moment of inertia of a rod (kg m2); of many, where the constants are."""
         return self.link_mass * self.link_length**2 / 12
 
 
