@@ -67,6 +67,7 @@ VARIANTS: dict[str, TrainConfig] = {
     "four layers": variant(control={"depth": 4}),
     "a unit counts once": variant(control={"improved": False}),
     "model gatv2": variant(control={"model": "gatv2", "improved": False}),
+    "model gt": variant(control={"model": "gt", "improved": False}),
     "ratio of the chain": variant(ppo={"ratio": "chain"}),
     "credit to each unit": variant(ppo={"credit": "unit"}),
     "no folded starts": variant(task={"folded": 0.0, "stalled": 0.0}),
