@@ -8,6 +8,7 @@ With --ours VMAS is left out, for machines without it; nothing is then a ratio.
 import argparse
 import json
 import platform
+from collections.abc import Iterator
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,11 +17,13 @@ from typing import Any
 import jax
 
 from salpchain.evaluation.speed import Speed, best, measure, ratio
+from salpchain.files import write_json
 from salpchain.machine import cores, processor
 from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
 LENGTHS = (8, 16, 32, 64, 128)
+LISTS = ("best_batch", "contact")  # parts that have several rows
 VMAS_BATCHES = {8: (1024, 4096), 16: (512, 2048), 32: (512, 1024), 64: (256, 512), 128: (64, 256)}
 
 
@@ -104,6 +107,16 @@ def contact_share(length: int, envs: int, devices: int) -> dict[str, Any]:
     return {"length": length, "envs": envs, "share_of_step": 1 - slower}
 
 
+def parts(
+    devices: int, vmas: bool, lengths: tuple[int, ...]
+) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every comparison, with its name, as it is made."""
+    yield "ten_environments", at_ten(devices, vmas)
+    yield from (("best_batch", at_best(length, devices, vmas)) for length in lengths)
+    yield "scaling", scaling(devices)
+    yield from (("contact", contact_share(*sizes, devices)) for sizes in ((8, 2048), (64, 256)))
+
+
 def main() -> None:
     """Runs all comparisons, prints and writes them."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -113,18 +126,11 @@ def main() -> None:
     options = parser.parse_args()
     devices, vmas = use_devices(), not options.ours
     record: dict[str, Any] = {"machine": machine(), "devices": devices}
-    record["ten_environments"] = at_ten(devices, vmas)
-    print(json.dumps(record, indent=2), flush=True)
-    record["best_batch"] = []
-    for length in (8, 64) if options.quick else LENGTHS:
-        row = at_best(length, devices, vmas)
-        print(json.dumps(row), flush=True)
-        record["best_batch"].append(row)
-    record["scaling"] = scaling(devices)
-    record["contact"] = [contact_share(8, 2048, devices), contact_share(64, 256, devices)]
-    print(json.dumps({k: record[k] for k in ("scaling", "contact")}, indent=2))
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"speed-{options.name}.json").write_text(json.dumps(record, indent=2) + "\n")
+    path = RESULTS / f"speed-{options.name}.json"
+    for part, row in parts(devices, vmas, (8, 64) if options.quick else LENGTHS):
+        print(f"{part}: {json.dumps(row)}", flush=True)
+        record[part] = [*record.get(part, []), row] if part in LISTS else row
+        write_json(path, record)  # after each, so that a run cut short leaves what it saw
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import pandas as pd
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
 from salpchain.files import write_json
-from studies import bars, factors, transfer
+from studies import bars, budget, factors, transfer
 from tests.interop.policies import fresh
 
 
@@ -82,6 +82,38 @@ def test_each_variant_changes_one_thing():
     for name, config in factors.VARIANTS.items():
         assert config.steps == base.steps and config.preset == base.preset
         assert (config == base) == (name == "base")
+
+
+def test_seeds_of_a_way_train_together_and_each_is_tested_once(tmp_path, monkeypatch):
+    trained, tested = [], []
+
+    def learn(configs, runs, devices):
+        trained.append([config.seed for config in configs])
+        for config, run in zip(configs, runs, strict=True):
+            run.mkdir(parents=True, exist_ok=True)
+            write_json(run / "summary.json", {"steps": config.steps})
+
+    def test(policy, lengths, trials, time_limit, seed, out, baseline):
+        tested.append(out.name)
+        one = {"success": {"mean": 0.9}, "closed_fraction": {"mean": 0.8}}
+        rows = [{"length": n, "steps_to_goal": {"median": n / 2}, **one} for n in lengths]
+        write_json(out / "evaluation.json", {"lengths": rows})
+
+    for name, stand_in in (("train_together", learn), ("evaluate", test), ("load", lambda _: None)):
+        monkeypatch.setattr(budget, name, stand_in)
+    for _ in range(2):
+        budget.train_all(tmp_path, "any-length")
+        budget.test_all(tmp_path, "any-length")
+    assert trained == [[0, 1, 2]] * 2 and tested == ["seed-0", "seed-1", "seed-2"]
+    text = (tmp_path / "report.md").read_text()
+    assert "| any-length, seed 2 | 30,000,000 | 90.0 | " in text
+    assert text.endswith("| 32 | 48 | 64 |\n")  # steps at 64, 96 and 128 units
+
+
+def test_ten_times_the_steps_are_as_many_updates():
+    once, ten = (budget.WAYS[name].config for name in ("any-length", "ten times the steps"))
+    assert ten.total_steps == 10 * once.total_steps
+    assert (ten.iterations, ten.ppo.minibatches) == (once.iterations, once.ppo.minibatches)
 
 
 def test_runs_on_mixed_are_tested_at_their_length_and_those_of_the_longest_beyond(
