@@ -9,6 +9,7 @@ it goes on. Weights are not needed afterwards.
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from multiprocessing import get_context
@@ -185,7 +186,7 @@ def _what_each_buys(table: pd.DataFrame) -> list[str]:
 def _over_lengths(table: pd.DataFrame, lengths: tuple[int, ...]) -> pd.Series:
     """Mean success in percent of each (variant, seed)."""
     rows = table[table.length.isin(lengths)]
-    return 100 * rows.groupby(["variant", "seed"], sort=False).success.mean()
+    return 100 * rows.groupby(["variant", "seed"], sort=False).success.mean().round(9)
 
 
 def _listed(lengths: tuple[int, ...]) -> str:
@@ -197,7 +198,8 @@ def _gain(own: np.ndarray, base: np.ndarray) -> str:
     mean = f"{own.mean() - base.mean():+.1f}"
     if min(len(own), len(base)) < 2 or np.ptp(own) == np.ptp(base) == 0:
         return mean
-    interval = ttest_ind(own, base, equal_var=False).confidence_interval(0.95)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # all may be 100 %
+        interval = ttest_ind(own, base, equal_var=False).confidence_interval(0.95)
     text = f"{mean} [{interval.low:+.1f}, {interval.high:+.1f}]"
     return text if interval.low <= 0 <= interval.high else f"**{text}**"
 
