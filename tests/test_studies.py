@@ -5,8 +5,9 @@ import pandas as pd
 
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
+from salpchain.control.storage import load
 from salpchain.files import write_json
-from studies import bars, budget, factors, transfer
+from studies import bars, budget, factors, short, transfer
 from tests.interop.policies import fresh
 
 
@@ -82,6 +83,28 @@ def test_each_variant_changes_one_thing():
     for name, config in factors.VARIANTS.items():
         assert config.steps == base.steps and config.preset == base.preset
         assert (config == base) == (name == "base")
+
+
+def test_a_tighter_goal_is_part_of_the_study_of_short_chains(tmp_path, monkeypatch):
+    played = []
+
+    def trials(controllers, length, number, time_limit, seed, tolerance):
+        played.append((controllers[0].card.name, length, tolerance))
+        rows = {"length": length, "trial": range(number), "success": True, "steps_to_goal": 20.0}
+        return [pd.DataFrame({**rows, "closed_fraction": 1 - tolerance})]
+
+    monkeypatch.setattr(short, "run_trials", trials)
+    monkeypatch.setattr(short, "TRIALS", {2: 3})
+    for _ in range(2):
+        short.study(load("any-length"), tmp_path)
+    assert [(name, length) for name, length, _ in played] == [
+        ("any-length", 2),
+        ("any-length", 2),
+        ("mpc", 2),
+    ]
+    text = (tmp_path / "report.md").read_text()
+    assert "| 2 | any-length, goal of 2 cm | 3 | 100.0 % | 98.0 % | 20.0 |" in text
+    assert "| 2 | mpc | 3 | 100.0 % | 94.9 % | 20.0 |" in text
 
 
 def test_seeds_of_a_way_train_together_and_each_is_tested_once(tmp_path, monkeypatch):

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller, Planner, act, begin
-from salpchain.domain.config import TaskConfig, check_length, check_seed, step_limit
+from salpchain.domain.config import GOAL_LIMIT, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
@@ -53,20 +53,23 @@ def run_trials(
     seed: int,
     progress: Progress | None = None,
     physics: Physics | None = None,
+    tolerance: float = GOAL_LIMIT,
 ) -> list[pd.DataFrame]:
     """For each controller, a row of measures for each of its trials at this length.
 
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
     own number only. All controllers swim side by side, in one compiled program, and must speak
-    the same observation and action. The physics are the paper's, unless others are given. Columns:
-    policy, length, trial, seed, time_limit, and what `_measures` says.
+    the same observation and action. The physics are the paper's, and so is the Frechet distance
+    (m) at which a target is taken, unless others are given. Columns: policy, length, trial, seed,
+    time_limit, and what `_measures` says.
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
             controller cannot serve, or controllers of different observations or actions.
     """
     limits = (time_limit,)
-    return run_limits(controllers, length, trials, limits, seed, progress, physics)[time_limit]
+    at = run_limits(controllers, length, trials, limits, seed, progress, physics, tolerance)
+    return at[time_limit]
 
 
 def run_limits(
@@ -77,6 +80,7 @@ def run_limits(
     seed: int,
     progress: Progress | None = None,
     physics: Physics | None = None,
+    tolerance: float = GOAL_LIMIT,
 ) -> dict[str, list[pd.DataFrame]]:
     """`run_trials` under several time limits: played once, to the last, and measured at each.
 
@@ -87,7 +91,7 @@ def run_limits(
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
     ascending = sorted(time_limits, key=lambda limit: step_limit(limit, length))
-    envs = [domain_for(controllers, length, limit, physics) for limit in ascending]
+    envs = [domain_for(controllers, length, limit, physics, tolerance) for limit in ascending]
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
     ended = []
@@ -140,7 +144,11 @@ def _frames(
 
 
 def domain_for(
-    controllers: Sequence[Controller], length: int, time_limit: str, physics: Physics | None = None
+    controllers: Sequence[Controller],
+    length: int,
+    time_limit: str,
+    physics: Physics | None = None,
+    tolerance: float = GOAL_LIMIT,
 ) -> SCLD:
     """The domain with as many slots as the length needs, few different numbers in all.
 
@@ -159,7 +167,8 @@ def domain_for(
         isinstance(controller, Planner) for controller in controllers
     ):  # a planner pays for each slot many times over
         slots = length
-    return SCLD(TaskConfig(slots, *spoken.pop(), time_limit), physics or Physics())
+    task = TaskConfig(slots, *spoken.pop(), time_limit, tolerance=tolerance)
+    return SCLD(task, physics or Physics())
 
 
 def _share_evenly(trials: int) -> int:

@@ -69,6 +69,15 @@ def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle
     assert (idle.thrust_effort == 0).all() and idle.path_efficiency.isna().all()
 
 
+def test_a_wider_goal_is_taken_sooner_and_farther_from_the_target(greedy):
+    wide, *_ = run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED, tolerance=0.2)
+    np.testing.assert_array_equal(wide.start_distance, greedy.start_distance)
+    assert wide.success.sum() > greedy.success.sum() and (wide.steps <= greedy.steps).all()
+    assert (wide.fewest_steps < greedy.fewest_steps).all()
+    last = wide[wide.success].final_distance
+    assert (last < 0.21).all() and last.median() > 0.1
+
+
 def test_every_policy_meets_the_same_starts(greedy, idle):
     np.testing.assert_array_equal(greedy.start_distance, idle.start_distance)
     np.testing.assert_array_equal(greedy.reachable, idle.reachable)

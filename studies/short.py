@@ -1,0 +1,87 @@
+"""Why do short chains close less of the distance? python -m studies.short POLICY OUT
+
+Plays a policy, the same policy where a target is taken at 2 cm instead of the judge's 5.1, and the
+planner `mpc`, from the same starts, and writes OUT/short.csv and OUT/report.md. What is there is
+kept, so a run that was stopped goes on.
+"""
+
+import sys
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from salpchain.control.mpc import MPC
+from salpchain.control.policy import Controller
+from salpchain.control.storage import load
+from salpchain.domain.config import GOAL_LIMIT
+from salpchain.errors import InputError
+from salpchain.evaluation.trials import run_trials
+from salpchain.files import write_text
+from salpchain.training.devices import use_devices
+from studies import add_part, program
+
+TRIALS = {2: 50, 3: 50, 4: 32, 6: 32, 8: 32}  # of each length: planning takes its time
+SEED = 2001  # of the starts that judge, those of `studies.release`
+LIMIT = "fixed"  # the scaled one is the same at these lengths
+TIGHT = 0.02  # m, the goal in training (`presets.TIGHT`)
+MEASURES = ["success", "closed_fraction", "steps_to_goal"]
+
+
+def who_plays(policy: Controller) -> dict[str, tuple[Controller, float]]:
+    """The controllers, with the Frechet distance (m) at which their targets are taken."""
+    name = policy.card.name
+    return {
+        name: (policy, GOAL_LIMIT),
+        f"{name}, goal of 2 cm": (policy, TIGHT),
+        "mpc": (MPC(), GOAL_LIMIT),
+    }
+
+
+def play(policy: Controller, who: str, length: int) -> pd.DataFrame:
+    """The trials of one controller at one length."""
+    controller, tolerance = who_plays(policy)[who]
+    (frame,) = run_trials([controller], length, TRIALS[length], LIMIT, SEED, tolerance=tolerance)
+    return frame.assign(who=who)[["who", "length", "trial", *MEASURES]]
+
+
+def study(policy: Controller, out: Path) -> None:
+    """All of it, part by part."""
+    out.mkdir(parents=True, exist_ok=True)
+    for who in who_plays(policy):
+        for length in TRIALS:
+            part = {"who": who, "length": length}
+            add_part(out / "short.csv", part, partial(play, policy, who, length))
+    write_text(out / "report.md", report(pd.read_csv(out / "short.csv")))
+
+
+def report(trials: pd.DataFrame) -> str:
+    """One row for each controller and length."""
+    lines = [
+        "# Short chains",
+        "",
+        f"Time limit `{LIMIT}`, seed {SEED}. A target is taken at a Frechet distance of"
+        f" {100 * GOAL_LIMIT:.1f} cm unless said otherwise.",
+        "",
+        "| units | who | episodes | targets reached | distance closed | median steps to the goal |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for length in TRIALS:
+        for who, own in trials[trials.length == length].groupby("who", sort=False):
+            success, closed = 100 * own.success.mean(), 100 * own.closed_fraction.mean()
+            steps = own.steps_to_goal.median()
+            cells = f"{len(own)} | {success:.1f} % | {closed:.1f} % | {steps:.1f}"
+            lines.append(f"| {length} | {who} | {cells} |")
+    return "\n".join([*lines, ""])
+
+
+def main() -> None:
+    """Studies the policy that the command line names, into the folder that it names."""
+    if len(sys.argv) != 3:
+        raise InputError("give a policy and a folder: python -m studies.short any-length OUT")
+    use_devices()
+    study(load(sys.argv[1]), Path(sys.argv[2]))
+
+
+if __name__ == "__main__":
+    program("short", main)
