@@ -1,26 +1,88 @@
 """Programs that make what the repository keeps: released policies and studies."""
 
+import hashlib
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
 import pandas as pd
 
+from salpchain.control.policy import Policy
 from salpchain.errors import InputError
-from salpchain.files import write_text
+from salpchain.files import make_writable, read_json, write_json, write_text
+from salpchain.training import run_folder
+from salpchain.training.config import TrainConfig
+from salpchain.training.trainer import resume, train
+
+ABOUT_FILE = "about.json"
 
 
-def program(name: str, main: Callable[[], None]) -> None:
+def program(name: str, main: Callable[[], None], about: str | None) -> None:
     """The program; bad input is one line and exit status 2, an interrupt one and 130."""
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(about)
+        return
     try:
         main()
-    except InputError as error:
+    except (InputError, OSError) as error:
         print(f"studies.{name}: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print(f"studies.{name}: stopped; the same command goes on", file=sys.stderr)
         sys.exit(130)
+
+
+def claim(out: Path, policy: Policy, **settings: Any) -> None:
+    """The folder for results of this policy with these settings, which `about.json` keeps.
+
+    Raises:
+        InputError: it holds results of another policy or with other settings.
+        OSError: it cannot be made or written.
+    """
+    weights = b"".join(np.asarray(x).tobytes() for x in jax.tree.leaves(policy.network))
+    mine = {"policy": policy.card.name, "weights": hashlib.sha256(weights).hexdigest(), **settings}
+    mine = json.loads(json.dumps(mine))
+    make_writable(out)
+    kept = read_json(out / ABOUT_FILE) if (out / ABOUT_FILE).exists() else {}
+    if not kept and not any(out.glob("*.csv")):
+        write_json(out / ABOUT_FILE, mine)
+    elif kept != mine:
+        odd = next((key for key in mine if kept.get(key) != mine[key]), "policy")
+        raise InputError(
+            f"{out} holds other results: {odd} is {kept.get(odd, 'unknown')} there, {mine[odd]} was"
+            " given; choose another folder"
+        )
+
+
+def check_same(config: TrainConfig, run: Path) -> None:
+    """Nothing, if there is no run in this folder yet, or one with these settings.
+
+    Raises:
+        InputError: one with other settings, or a damaged one.
+    """
+    if (run / run_folder.CONFIG_FILE).exists() and run_folder.read_config(run)[0] != config:
+        raise InputError(f"{run} holds a run with other settings: choose another folder")
+
+
+def train_or_go_on(config: TrainConfig, run: Path) -> None:
+    """A whole run with these settings, on one core: new, gone on with, or as it is.
+
+    Shared out over several cores, sums come in another order and weights differ.
+
+    Raises:
+        As `train` and `resume`; and InputError: the folder holds a run with other settings.
+    """
+    check_same(config, run)
+    if (run / run_folder.SUMMARY_FILE).exists():
+        return
+    if (run / run_folder.CONFIG_FILE).exists():
+        resume(run)
+    else:
+        train(config, run, devices=1)
 
 
 def add_part(path: Path, part: dict[str, Any], play: Callable[[], pd.DataFrame]) -> None:

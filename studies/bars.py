@@ -94,4 +94,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    program("bars", main)
+    program("bars", main, __doc__)

@@ -22,7 +22,7 @@ from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
 from salpchain.training.devices import use_devices
 from salpchain.training.trainer import train_together
-from studies import program
+from studies import check_same, program
 from studies.release import LENGTHS, any_length
 
 TRIALS = 200
@@ -66,7 +66,10 @@ def train_all(out: Path, name: str) -> None:
     """Trains all seeds of one way, or goes on training them."""
     way = WAYS[name]
     configs = [replace(way.config, seed=seed) for seed in way.seeds]
-    train_together(configs, [run_of(out, name, seed) for seed in way.seeds], devices=1)
+    runs = [run_of(out, name, seed) for seed in way.seeds]
+    for config, run in zip(configs, runs, strict=True):
+        check_same(config, run)
+    train_together(configs, runs, devices=1)
 
 
 def test_all(out: Path, name: str) -> None:
@@ -138,4 +141,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    program("budget", main)
+    program("budget", main, __doc__)

@@ -27,13 +27,12 @@ from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
-from salpchain.files import read_json, write_bytes, write_text
+from salpchain.files import make_writable, read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
 from salpchain.report.figures import STYLE
-from salpchain.training import presets, run_folder
+from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
-from salpchain.training.trainer import resume, train
-from studies import program
+from studies import check_same, program, train_or_go_on
 
 STEPS = 1_500_000  # of every variant: half of what `--length 2..16` takes
 LENGTHS = (2, 4, 8, 16, 32, 64)
@@ -42,6 +41,7 @@ SEED = 4000  # of the starts that judge (chosen)
 LIMIT = "scaled"
 GROUPS = ((2, 4, 8, 16), (32, 64))  # lengths that base was trained on, and beyond
 ALL = tuple(range(2, 17))  # units
+AGAINST = {"trained on 16, a log-std for each unit": "trained on 16"}  # else against base
 COLOURED = 30  # points of gain or loss with the strongest colour
 
 
@@ -77,7 +77,8 @@ VARIANTS: dict[str, TrainConfig] = {
     "no shaping": variant(task={"fine_weight": 0.0}),
     "no entropy": variant(ppo={"entropy": 0.0}),
     "entropy to the end": variant(ppo={"final_entropy": 1.0}),
-    "scaled time limit": variant(task={"time_limit": "scaled"}),
+    "time limit of 256 steps": variant(task={"most_steps": 256}),
+    "time limit of 1024 steps": variant(task={"most_steps": 1024}),
     "more of the longer": variant(weights=tuple(map(float, ALL))),
     "trained on 8": variant((8,)),
     "trained on 16": variant((16,)),
@@ -97,6 +98,8 @@ def study(out: Path, seeds: int, each: Callable[..., Iterable[None]] = map) -> N
         for seed in range(seeds)
         for name, config in VARIANTS.items()
     ]
+    for run, config in runs:
+        check_same(config, run)
     missing = [run for run in runs if not (run[0] / SUMMARY_FILE).exists()]
     for _ in each(run_one, missing):
         write_report(out)
@@ -108,11 +111,7 @@ def run_one(what: tuple[Path, TrainConfig]) -> None:
     run, config = what
     print(run, flush=True)
     try:
-        if not (run / run_folder.SUMMARY_FILE).exists():
-            if (run / run_folder.CONFIG_FILE).exists():
-                resume(run)
-            else:
-                train(config, run, devices=1)
+        train_or_go_on(config, run)
         evaluate(load(run), LENGTHS, TRIALS, LIMIT, SEED, run, baseline=False)
     except KeyboardInterrupt:
         sys.exit(130)  # without a word: the process that started this one says it
@@ -169,17 +168,22 @@ def _row(name: Any, frame: pd.DataFrame) -> str:
 def _what_each_buys(table: pd.DataFrame) -> list[str]:
     """Points of success lost or won against `base`, averaged over short and over long lengths."""
     lines = [
-        "Points of success more than `base` [95 % interval of the difference of means over seeds,"
-        f" Welch's t]; among {len(VARIANTS) - 1} variants one may seem to differ by chance:",
+        "Points of success more than `base`, or than the variant named [95 % interval of the"
+        f" difference of means over seeds, Welch's t]; among {len(VARIANTS) - 1} variants one may"
+        " seem to differ by chance:",
         "",
         "| change | " + " | ".join(f"mean of {_listed(group)} units" for group in GROUPS) + " |",
         "| --- |" + " --- |" * len(GROUPS),
     ]
     kinds = [_over_lengths(table, group) for group in GROUPS]
-    names = set(table.variant) - {"base"} if "base" in set(table.variant) else ()
-    for name in (name for name in VARIANTS if name in names):
-        cells = [_gain(kind[name].to_numpy(), kind["base"].to_numpy()) for kind in kinds]
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    there = set(table.variant)
+    for name in VARIANTS:
+        other = AGAINST.get(name, "base")
+        if name == "base" or not {name, other} <= there:
+            continue
+        cells = [_gain(kind[name].to_numpy(), kind[other].to_numpy()) for kind in kinds]
+        told = name if other == "base" else f"{name} (against {other})"
+        lines.append(f"| {told} | " + " | ".join(cells) + " |")
     return lines
 
 
@@ -229,14 +233,14 @@ def as_picture(table: pd.DataFrame) -> bytes:
 
 def main() -> None:
     """Studies into the folder that the command line names."""
-    words = sys.argv[1:]
-    if len(words) not in (1, 2) or not (len(words) == 1 or words[1].isdigit()):
+    out, *seeds = sys.argv[1:] or [""]
+    if not out or len(seeds) > 1 or not all(word in map(str, range(1, 100)) for word in seeds):
         raise InputError("give a folder, and how many seeds: python -m studies.factors OUT 3")
-    out, seeds = Path(words[0]), int(words[1]) if len(words) == 2 else 3
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(out / "cache"))
+    make_writable(Path(out))
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(out) / "cache"))
     with get_context("spawn").Pool(jobs_that_fit()) as pool:
-        study(out, seeds, pool.imap_unordered)
+        study(Path(out), int(seeds[0]) if seeds else 3, pool.imap_unordered)
 
 
 if __name__ == "__main__":
-    program("factors", main)
+    program("factors", main, __doc__)

@@ -20,8 +20,7 @@ from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.devices import use_devices
-from salpchain.training.trainer import resume, train
-from studies import program
+from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
@@ -53,18 +52,11 @@ RECIPES = {
 
 
 def release(name: str, runs: Path) -> None:
-    """Trains, tests and writes one policy; what is tested is the file that is released.
-
-    Trains on one core: shared out over several, sums come in another order and weights differ.
-    """
+    """Trains, tests and writes one policy; what is tested is the file that is released."""
     make, about = RECIPES[name]
     run = runs / name
     use_devices()
-    if not (run / run_folder.SUMMARY_FILE).exists():
-        if (run / run_folder.CONFIG_FILE).exists():
-            resume(run)
-        else:
-            train(make(), run, devices=1)
+    train_or_go_on(make(), run)
     trained = load(run)
     policy = Policy(trained.network, dataclasses.replace(trained.card, name=name))
     file = run / f"{name}.safetensors"
@@ -113,4 +105,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    program("release", main)
+    program("release", main, __doc__)

@@ -19,7 +19,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
 from salpchain.training.devices import use_devices
-from studies import add_part, program
+from studies import add_part, claim, program
 
 TRIALS = {2: 50, 3: 50, 4: 32, 6: 32, 8: 32}  # of each length: planning takes its time
 SEED = 2001  # of the starts that judge, those of `studies.release`
@@ -47,7 +47,7 @@ def play(policy: Controller, who: str, length: int) -> pd.DataFrame:
 
 def study(policy: Controller, out: Path) -> None:
     """All of it, part by part."""
-    out.mkdir(parents=True, exist_ok=True)
+    claim(out, policy, trials=TRIALS, seed=SEED)
     for who in who_plays(policy):
         for length in TRIALS:
             part = {"who": who, "length": length}
@@ -84,4 +84,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    program("short", main)
+    program("short", main, __doc__)

@@ -27,7 +27,7 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.chain import Physics, at_rest
-from studies import add_part, program
+from studies import add_part, claim, program
 
 LENGTHS = (4, 8, 16, 32)
 TRIALS = 200
@@ -114,7 +114,7 @@ def with_changes(policy: Policy, setting: str, length: int, trials: int) -> pd.D
 
 def study(policy: Policy, out: Path, trials: int = TRIALS) -> None:
     """All of it, part by part."""
-    out.mkdir(parents=True, exist_ok=True)
+    claim(out, policy, trials=trials, seed=SEED)
     for setting in SETTINGS:
         for length in LENGTHS:
             part = {"setting": setting, "length": length}
@@ -122,14 +122,14 @@ def study(policy: Policy, out: Path, trials: int = TRIALS) -> None:
             add_part(out / "changed.csv", part, play)
     for length in LENGTHS:
         add_part(out / "vmas.csv", {"length": length}, lambda n=length: in_vmas(policy, n, trials))
-    write_text(out / "report.md", report(policy.card.name, out))
+    write_text(out / "report.md", report(policy.card.name, out, trials))
 
 
-def report(name: str, out: Path) -> str:
+def report(name: str, out: Path, trials: int) -> str:
     """Both tables in Markdown."""
     parts = [f"# `{name}` outside the engine it was trained in\n"]
     about = (
-        f"{TRIALS} episodes of each length, time limit `{LIMIT}`, seed {SEED}. Success (closed).\n"
+        f"{trials} episodes of each length, time limit `{LIMIT}`, seed {SEED}. Success (closed).\n"
     )
     for file, by in (("vmas.csv", "engine"), ("changed.csv", "setting")):
         frame = pd.read_csv(out / file)
@@ -153,4 +153,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    program("transfer", main)
+    program("transfer", main, __doc__)

@@ -1,12 +1,22 @@
 """The programs in `studies/`, on little work."""
 
+import dataclasses
+import sys
+from importlib import import_module
+
 import numpy as np
 import pandas as pd
+import pytest
 
+import studies
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
+from salpchain.control.policy import Policy
 from salpchain.control.storage import load
+from salpchain.domain.scld import SCLD
+from salpchain.errors import InputError
 from salpchain.files import write_json
+from salpchain.training.run_folder import describe
 from studies import bars, budget, factors, short, transfer
 from tests.interop.policies import fresh
 
@@ -47,14 +57,19 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
 
     def learn(config, run, devices):
         done.append((run.parent.name, config.seed))
+        run.mkdir(parents=True)
+        write_json(run / "config.json", describe(config, devices, "none"))
+        write_json(run / "summary.json", {})
 
     monkeypatch.setattr(
         factors, "VARIANTS", {k: factors.VARIANTS[k] for k in ("base", "no entropy")}
     )
     monkeypatch.setattr(factors, "LENGTHS", (4, 8))
     monkeypatch.setattr(factors, "GROUPS", ((4, 8),))
-    for name, stand_in in (("train", learn), ("evaluate", test), ("load", lambda run: None)):
-        monkeypatch.setattr(factors, name, stand_in)
+    stands_in = {"evaluate": test, "load": lambda run: None}
+    for module, named in ((studies, {"train": learn}), (factors, stands_in)):
+        for name, stand_in in named.items():
+            monkeypatch.setattr(module, name, stand_in)
     for _ in range(2):
         factors.study(tmp_path, 2)
     assert done == [(name, seed) for seed in (0, 1) for name in ("base", "no-entropy")]
@@ -63,6 +78,66 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
         "| no entropy | 2 | 50 (50 to 50) | 100 (100 to 100) |"
         in (tmp_path / "report.md").read_text()
     )
+
+    changed = dataclasses.replace(factors.VARIANTS["base"], steps=7)
+    monkeypatch.setattr(factors, "VARIANTS", {"base": changed})
+    with pytest.raises(InputError, match="base/seed-0 holds a run with other settings"):
+        factors.study(tmp_path, 1)
+
+
+def test_results_of_another_policy_are_not_taken_for_those_of_this(tmp_path, monkeypatch):
+    monkeypatch.setattr(transfer, "LENGTHS", ())
+    mine, other = fresh(), fresh("gatv2")
+    alike = Policy(other.network, mine.card)
+    for _ in range(2):
+        studies.claim(tmp_path, mine, trials=4)
+    kept = (tmp_path / "about.json").read_text()
+    for policy, trials, word in (
+        (alike, 4, "weights is"),
+        (other, 4, "policy is gcn-mixed there"),
+        (mine, 5, "trials is 4 there, 5 was"),
+    ):
+        with pytest.raises(InputError, match=word):
+            studies.claim(tmp_path, policy, trials=trials)
+    assert (tmp_path / "about.json").read_text() == kept
+    (tmp_path / "about.json").unlink()
+    (tmp_path / "vmas.csv").write_text("x\n")
+    with pytest.raises(InputError, match="policy is unknown there"):
+        studies.claim(tmp_path, mine, trials=4)
+
+
+@pytest.mark.parametrize(
+    ("program", "words", "line"),
+    [
+        ("factors", [], "give a folder"),
+        ("factors", ["OUT", "0"], "give a folder, and how many seeds"),
+        ("factors", ["OUT", "²"], "give a folder, and how many seeds"),
+        ("factors", ["/proc/x"], "/proc/x"),
+        ("short", ["any-length", "/proc/x"], "/proc/x"),
+        ("budget", ["/proc/x", "gt"], "/proc/x"),
+        ("budget", ["OUT", "nobody"], "ways if not all: any-length, ten"),
+        ("release", ["nobody"], "name a policy to make"),
+        ("release", ["paper-gcn-8", "/proc/x"], "/proc/x"),
+    ],
+)
+def test_a_program_says_what_is_wrong_in_one_line(
+    program, words, line, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [program, *words])
+    module = import_module(f"studies.{program}")
+    with pytest.raises(SystemExit) as end:
+        studies.program(program, module.main, module.__doc__)
+    assert end.value.code == 2
+    said = capsys.readouterr().err.strip()
+    assert line in said and said.startswith(f"studies.{program}: ") and "\n" not in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_tells_what_it_does(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["factors", "--help"])
+    studies.program("factors", factors.main, factors.__doc__)
+    assert "python -m studies.factors OUT [SEEDS]" in capsys.readouterr().out
 
 
 def test_the_report_says_what_a_change_buys_with_the_interval_of_welch():
@@ -78,11 +153,42 @@ def test_the_report_says_what_a_change_buys_with_the_interval_of_welch():
     factors.as_markdown(pd.DataFrame(rows[: 3 * len(factors.LENGTHS)]))  # base is not done yet
 
 
-def test_each_variant_changes_one_thing():
-    base = factors.VARIANTS["base"]
-    for name, config in factors.VARIANTS.items():
-        assert config.steps == base.steps and config.preset == base.preset
-        assert (config == base) == (name == "base")
+# Of these, two settings go together, or the one that matters brings the others along.
+TOGETHER = {
+    "model gatv2": {"control.model", "control.improved"},
+    "model gt": {"control.model", "control.improved"},
+    "no folded starts": {"task.folded", "task.stalled"},
+    "no starts on the target": {"task.folded", "task.stalled"},
+    "trained on 8": {"mix.lengths", "task.length"},
+    "trained on 4 to 8": {"mix.lengths", "task.length"},
+}
+
+
+def settings(config):
+    """Every setting by its name, those of a part as "part.name"."""
+    values = {}
+    for part, group in dataclasses.asdict(config).items():
+        if isinstance(group, dict):
+            values |= {f"{part}.{name}": value for name, value in group.items()}
+        else:
+            values[part] = group
+    return values
+
+
+@pytest.mark.parametrize("name", [name for name in factors.VARIANTS if name != "base"])
+def test_a_variant_changes_one_thing(name):
+    own = settings(factors.VARIANTS[name])
+    other = settings(factors.VARIANTS[factors.AGAINST.get(name, "base")])
+    changed = {key for key in own if own[key] != other[key]}
+    assert changed == TOGETHER[name] if name in TOGETHER else len(changed) == 1
+
+
+def test_a_changed_time_limit_is_another_at_the_lengths_of_training():
+    base = SCLD(factors.VARIANTS["base"].task)
+    for name, steps in (("time limit of 256 steps", 256), ("time limit of 1024 steps", 1024)):
+        env = SCLD(factors.VARIANTS[name].task)
+        assert [int(env.step_limit(n)) for n in (2, 16)] == [steps, steps]
+    assert [int(base.step_limit(n)) for n in (2, 16)] == [512, 512]
 
 
 def test_a_tighter_goal_is_part_of_the_study_of_short_chains(tmp_path, monkeypatch):

@@ -12,7 +12,6 @@ import pandas as pd
 
 from salpchain.cluster.grid import Grid, Job
 from salpchain.cluster.results import is_trained, run_of, untested
-from salpchain.domain.config import step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import read_json, write_json, write_text
@@ -84,7 +83,7 @@ def _entry(folder: Path, job: Job) -> Entry:
         length=task.length,
         seed=job.config.seed,
         log=_log(run / METRICS_FILE),
-        settled=job.config.ppo.envs * step_limit(task.time_limit, task.length),
+        settled=job.config.ppo.envs * task.step_limit,
         tests={
             limit: read_json(run / limit / TESTS_FILE)
             for limit in job.tests

@@ -38,6 +38,7 @@ class TaskConfig:
     folded: float = 0.0  # share of episodes that start from a folded chain; 0 is the paper's
     stalled: float = 0.0  # share that starts on the target with a part folded back; likewise
     tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
+    most_steps: int = 0  # control steps of an episode whatever its length; 0: as `time_limit` says
 
     def __post_init__(self) -> None:
         check_length(self.length)
@@ -59,6 +60,15 @@ class TaskConfig:
             )
         if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
             raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
+        if not (isinstance(self.most_steps, int) and self.most_steps >= 0):
+            raise InputError(
+                f"most_steps must be a whole number, 0 or more, got {self.most_steps!r}"
+            )
+
+    @property
+    def step_limit(self) -> int:
+        """Control steps until an episode of `length` units is truncated."""
+        return self.most_steps or step_limit(self.time_limit, self.length)
 
 
 def _is_number(value: object) -> bool:

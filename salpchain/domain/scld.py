@@ -170,6 +170,8 @@ class SCLD(eqx.Module):
 
     def step_limit(self, length: int | Array) -> Int[Array, ""] | int:
         """Control steps until truncation; traceable twin of `config.step_limit`."""
+        if self.config.most_steps:
+            return self.config.most_steps
         if self.config.time_limit == "fixed":
             return FIXED_LIMIT
         return jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)

@@ -11,7 +11,7 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.domain.config import TaskConfig, step_limit
+from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
@@ -112,8 +112,7 @@ class Batch:
         Episodes are truncated after `max_steps`, or earlier where the task's own limit is shorter.
         """
         self.config, self.num_envs, self.renew = config, checked_envs(num_envs), renew
-        own = step_limit(config.time_limit, config.length)
-        self.limit = min(limit_of(config, max_steps), own)
+        self.limit = min(limit_of(config, max_steps), config.step_limit)
         self.env = SCLD(config)
         self.states: State | None = None
 

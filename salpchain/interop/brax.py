@@ -14,7 +14,6 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.domain.config import step_limit
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
 from salpchain.interop.checks import task_of
@@ -65,7 +64,7 @@ class SalpBraxEnv(base.Env):
     @property
     def episode_length(self) -> int:
         """Control steps until an episode is truncated."""
-        return step_limit(self.scld.config.time_limit, self.scld.config.length)
+        return self.scld.config.step_limit
 
     @property
     def observation_size(self) -> int:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.domain.config import TaskConfig, check_seed, one_of, step_limit
+from salpchain.domain.config import TaskConfig, check_seed, one_of
 from salpchain.errors import InputError
 
 MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
@@ -45,7 +45,7 @@ def limit_of(config: TaskConfig, max_steps: int | None) -> int:
         InputError: not a whole number of steps, at least 1.
     """
     if max_steps is None:
-        return step_limit(config.time_limit, config.length)
+        return config.step_limit
     whole = isinstance(max_steps, int | np.integer) and not isinstance(max_steps, bool)
     if not whole or max_steps < 1:
         raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")

@@ -7,7 +7,7 @@ names the environment whose action is NaN.
 
 from typing import Any
 
-from salpchain.domain.config import TaskConfig, step_limit
+from salpchain.domain.config import TaskConfig
 from salpchain.domain.pose import LINK, SPAWN
 from salpchain.domain.scld import FENCE_PER_UNIT
 from salpchain.errors import InputError
@@ -278,7 +278,7 @@ def make_env(
         num_envs=checked_envs(num_envs),
         device=device,
         seed=seed,
-        max_steps=step_limit(config.time_limit, config.length),
+        max_steps=config.step_limit,
         clamp_actions=True,
         terminated_truncated=True,
         **settings,
