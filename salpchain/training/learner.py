@@ -133,8 +133,11 @@ def metrics(
     outcomes: Outcome,
     lengths: tuple[int, ...],
 ) -> Metrics:
-    """Sums over all devices of what the finished episodes were, and those of each length."""
-    done = outcomes.terminated | outcomes.truncated
+    """Sums over all devices of what the finished episodes were, and those of each length.
+
+    Those that started on their targets are left out.
+    """
+    done = (outcomes.terminated | outcomes.truncated) & outcomes.counts
 
     def total(x: Array) -> Array:
         return jax.lax.psum(jnp.sum(jnp.where(done, x, 0.0)), AXIS)

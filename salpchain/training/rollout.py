@@ -34,6 +34,7 @@ class Outcome(eqx.Module):
     terminated: Bool[Array, ""]
     truncated: Bool[Array, ""]
     goal: Bool[Array, ""]
+    counts: Bool[Array, ""]  # as an episode: it did not start on its target (`stalled` may)
     final_value: Float[Array, ""]  # of the true last observation, where truncated
     closed: Float[Array, ""]  # closed fraction
     time: Array  # control steps since reset
@@ -75,6 +76,7 @@ def _outcome(env: SCLD, before: State, after: State, final_value: Float[Array, "
         terminated=after.terminated,
         truncated=after.truncated & ~after.terminated,
         goal=after.goal,
+        counts=after.start_distance > env.config.tolerance,
         final_value=final_value,
         closed=after.closed_fraction,
         time=after.time,
