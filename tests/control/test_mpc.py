@@ -24,7 +24,7 @@ def state():
 
 def test_a_refined_plan_is_never_worse_than_the_one_it_came_from(state):
     best = MPC(samples=16, elites=1, knots=3, every=4)
-    plans = 0.3 * jr.normal(jr.key(0), (8, 3, 3))
+    plans = 0.3 * jr.normal(jr.key(0), (8, best.horizon, 3))
     keys = jr.split(jr.key(1), 8)
     refine = jax.jit(jax.vmap(lambda plan, key: best._refine(state, plan, 0.5, key)))
     cost = jax.jit(jax.vmap(lambda plan: best._cost(state, plan)))
@@ -34,9 +34,17 @@ def test_a_refined_plan_is_never_worse_than_the_one_it_came_from(state):
 
 def test_thrusts_between_knots_lie_on_straight_lines():
     knots = jnp.array([[0.0, 1.0], [0.5, -1.0], [1.0, 0.0]])
-    thrusts = MPC(knots=3, every=4)._thrusts(knots)
-    expected = np.stack([np.interp(np.arange(9), [0, 4, 8], knot) for knot in knots.T], axis=1)
+    thrusts = MPC(knots=3, every=4)._between(knots)
+    expected = np.stack([np.interp(np.arange(8), [0, 4, 8], knot) for knot in knots.T], axis=1)
     np.testing.assert_allclose(thrusts, expected, atol=1e-6)
+
+
+def test_a_guide_is_followed_where_no_better_plan_is_found(state):
+    still = MPC(guide=Greedy(), samples=1, elites=1, rounds=1, knots=3, every=5)  # tries no other
+    thrust, plan = jax.jit(lambda s: still.plan(s, still.begin(s)))(state)
+    np.testing.assert_allclose(thrust, Greedy().act(state), atol=1e-6)
+    after = jax.jit(ENV.step)(state, thrust)
+    np.testing.assert_allclose(plan.thrusts[0], Greedy().act(after)[:, 0], atol=1e-5)
 
 
 def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
@@ -44,7 +52,7 @@ def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
     assert begin(Greedy(), state) == ()
     first, memory = jax.jit(lambda s: act(SMALL, s, begin(SMALL, s)))(state)
     np.testing.assert_allclose(first, jax.jit(SMALL.act)(state), atol=1e-5)
-    assert float(jnp.abs(memory.knots).max()) > 0.1  # what it goes on from
+    assert float(jnp.abs(memory.thrusts).max()) > 0.1  # what it goes on from
     again, _ = jax.jit(SMALL.plan)(state, memory)
     assert float(jnp.abs(again - first).max()) > 1e-3
 
