@@ -19,7 +19,7 @@ _PUBLIC = {
     "Approach": "salpchain.control.approach",
     "MPC": "salpchain.control.mpc",
     "Policy": "salpchain.control.policy",
-    "load": "salpchain.control.storage",
+    "load": "salpchain.control.named",
     "save_policy": "salpchain.control.storage",
     "TrainConfig": "salpchain.training.config",
     "train": "salpchain.training.trainer",

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
-from salpchain.control.named import controller
+from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -25,7 +25,8 @@ class Evaluate:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or a name that `salpchain models` lists."""
+    """A run folder, a policy.safetensors, or a name that `salpchain models` lists.
+    A name wins over a folder that is called so: write ./NAME for the folder."""
     lengths: Lengths = "4:64:4"
     """Lengths to play, the last included."""
     trials: Whole = "50"
@@ -46,7 +47,7 @@ def run(options: Evaluate) -> None:
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
     check_seed(seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
-    tested = controller(options.policy)
+    tested = load(options.policy)
     for length in lengths:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
@@ -67,4 +68,4 @@ def run(options: Evaluate) -> None:
 def default_out(policy: str) -> Path:
     """Where the files go when the user does not say."""
     path = Path(policy)
-    return path / "evaluation" if path.is_dir() else Path()
+    return path / "evaluation" if path.is_dir() and not is_name(policy) else Path()

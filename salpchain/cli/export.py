@@ -24,7 +24,8 @@ class Export:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("POLICY")]] = ""
-    """A run folder, a policy.safetensors, or a released policy that `salpchain models` lists."""
+    """A run folder, a policy.safetensors, or a released policy that `salpchain models` lists.
+    A name wins over a folder that is called so: write ./NAME for the folder."""
     format: Name = "onnx"
     """onnx or torch."""
     out: Annotated[str, text_option("FILE")] = ""

@@ -8,8 +8,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Whole, number, text_option
-from salpchain.control.named import WRITTEN, check_there
-from salpchain.control.released import released
+from salpchain.control.named import check_there, is_name
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
@@ -31,6 +30,7 @@ class Live:
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
     """A run folder, a policy.safetensors, or a name that `salpchain models` lists (but mpc).
+    A name wins over a folder that is called so: write ./NAME for the folder.
     Default: any-length where it is released, else a run, else approach."""
     port: Whole = "8000"
     """Where the page is; 0 takes any free port."""
@@ -63,7 +63,7 @@ def run(options: Live) -> None:
 
 def _check_policy(policy: str) -> None:
     """Nothing, if there is such a policy; before the port is taken and JAX imported."""
-    if not policy or policy in (*WRITTEN, *released()):
+    if not policy or is_name(policy):
         return
     check_there(policy)
     path = Path(policy)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import number, text_option
-from salpchain.control.named import controller
+from salpchain.control.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -37,7 +37,7 @@ def trajectories(
     from salpchain.evaluation.trajectory import Trajectory
 
     files = {s: Trajectory.load(Path(s)) for s in sources if s.endswith(".npz")}
-    controllers = {s: controller(s) for s in sources if s not in files}
+    controllers = {s: load(s) for s in sources if s not in files}
     for swimmer in controllers.values():
         for length in wanted:
             swimmer.card.check_serves(length)

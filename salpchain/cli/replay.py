@@ -23,7 +23,8 @@ class Replay:
     """
 
     sources: tyro.conf.Positional[Annotated[tuple[str, ...], text_option("POLICY_OR_FILE")]] = ()
-    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz)."""
+    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz).
+    A name wins over a folder that is called so: write ./NAME for the folder."""
     out: Annotated[str, text_option("FILE.html")] = ""
     """The page to write."""
     length: Lengths = "8"

@@ -22,7 +22,8 @@ class Rollout:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or a name that `salpchain models` lists."""
+    """A run folder, a policy.safetensors, or a name that `salpchain models` lists.
+    A name wins over a folder that is called so: write ./NAME for the folder."""
     length: Whole = "8"
     """Units of the chain."""
     seed: Whole = "0"

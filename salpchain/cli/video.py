@@ -28,7 +28,8 @@ class Video:
     """
 
     source: tyro.conf.Positional[Annotated[str, text_option("POLICY_OR_TRAJECTORY")]] = ""
-    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz)."""
+    """Run folders, policies, names that `salpchain models` lists, or trajectories (.npz).
+    A name wins over a folder that is called so: write ./NAME for the folder."""
     out: Annotated[str, text_option("FILE.mp4|gif|png")] = ""
     """The file to write; its suffix chooses the form."""
     length: Lengths = "8"

@@ -31,29 +31,40 @@ WRITTEN = {
 }
 
 
-def controller(source: str) -> "Controller":
+def load(source: str | Path) -> "Controller":
     """The controller of this name, or the policy in this file or run folder.
+
+    A name wins over a folder that is called so: `./NAME`, or a `Path`, is the folder.
 
     Raises:
         InputError: there is none; or the file is damaged, altered or from a newer version.
     """
-    if source in WRITTEN:
+    if isinstance(source, str) and source in WRITTEN:
         written = WRITTEN[source]
         return getattr(import_module(written.module), written.kind)()
     check_there(source)
-    from salpchain.control.storage import load
+    from salpchain.control import storage
 
-    return load(source)
+    return storage.load(source)
 
 
-def check_there(source: str) -> None:
+def is_name(source: str | Path) -> bool:
+    """Whether this names a controller; a path never does, not even to a folder called so."""
+    return isinstance(source, str) and source in names()
+
+
+def names() -> list[str]:
+    """Of all controllers that come with the package."""
+    return [*released(), *WRITTEN]
+
+
+def check_there(source: str | Path) -> None:
     """Nothing, if this names a controller or is a path that exists.
 
     Raises:
         InputError: neither; the message lists the names.
     """
-    names = [*released(), *WRITTEN]
-    if source not in names and not Path(source).exists():
+    if not is_name(source) and not Path(source).exists():
         raise InputError(
-            f"no such run folder or policy: {source} (a path, or one of {', '.join(names)})"
+            f"no such run folder or policy: {source} (a path, or one of {', '.join(names())})"
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
+from salpchain.control.named import WRITTEN
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.released import released
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
@@ -37,12 +38,19 @@ def save_policy(policy: Policy, path: Path, half: bool = False) -> None:
 def load(source: str | Path) -> Policy:
     """A released policy by its name, or the policy in a file or in the run folder of a training.
 
+    Names are as in `salpchain.load`, but of learned policies only.
+
     Raises:
-        InputError: no such name, file or folder; damaged, altered or from a newer version.
+        InputError: no such name, file or folder; damaged, altered or from a newer version; the name
+            of a controller that was never trained.
     """
-    path = released().get(str(source), Path(source))
+    path = Path(source)
+    if isinstance(source, str):
+        if source in WRITTEN:
+            raise InputError(f"{source} has no weights ({_meant()})")
+        path = released().get(source, path)
     if not path.exists():
-        raise InputError(no_such_policy(str(source)))
+        raise InputError(f"no such run folder or policy: {source} ({_meant()})")
     if path.is_dir():
         path = path / POLICY_FILE
         if not path.exists():
@@ -59,10 +67,9 @@ def _whole(array: np.ndarray) -> np.ndarray:
     return array.astype(np.float32) if array.dtype == np.float16 else array
 
 
-def no_such_policy(source: str) -> str:
+def _meant() -> str:
     """What to say where neither a name nor a path leads to a policy."""
-    names = ", or ".join(["a path", *released()])
-    return f"no such run folder or policy: {source} (a learned policy is meant: {names})"
+    return f"a learned policy is meant: {', or '.join(['a path', *released()])}"
 
 
 def network_shapes(card: PolicyCard) -> ActorCritic:

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from salpchain.control.named import WRITTEN, check_there, controller
+from salpchain.control import named
+from salpchain.control.named import WRITTEN, check_there, is_name
 from salpchain.control.policy import Controller
 from salpchain.control.released import released
 from salpchain.control.storage import POLICY_FILE, load
@@ -29,14 +30,13 @@ class Fleet:
         best = [name for name in BEST if name in self._paths]
         self.first = best[0] if best else next(iter(self._paths), "approach")
         self._loaded: dict[str, Controller] = {}
-        if chosen and chosen not in self.names:
-            self._add(chosen)
-        elif chosen:
+        if is_name(chosen):
+            _check_quick(chosen)
             self.first = chosen
+        elif chosen:
+            self._add(chosen)
 
     def _add(self, chosen: str) -> None:
-        if chosen in WRITTEN:
-            raise InputError(f"{chosen} is too slow to steer live: {WRITTEN[chosen].about}")
         check_there(chosen)
         path = Path(chosen)
         policy, name = load(path), path.name if path.is_dir() else path.stem
@@ -44,7 +44,7 @@ class Fleet:
             known for known, other in self._paths.items() if other.resolve() == path.resolve()
         ]
         free = name not in (*WRITTEN, *self._paths)
-        self.first = listed[0] if listed else name if free else str(path)
+        self.first = listed[0] if listed else name if free else str(path.resolve())
         self._paths[self.first], self._loaded[self.first] = path, policy
 
     @property
@@ -63,11 +63,20 @@ class Fleet:
             if name not in self.names:
                 raise InputError(f"there is no policy {name!r}: choose one of the list")
             path = self._paths.get(name)
-            self._loaded[name] = load(path) if path else controller(name)
+            self._loaded[name] = load(path) if path else named.load(name)
         return self._loaded[name]
 
 
+def _check_quick(name: str) -> None:
+    if name in WRITTEN and not WRITTEN[name].live:
+        raise InputError(f"{name} is too slow to steer live: {WRITTEN[name].about}")
+
+
 def _runs_in(folder: Path) -> dict[str, Path]:
-    """Runs of a folder, or in the folders within it, by their path inside."""
+    """Runs of a folder, or in the folders within it, by their path inside.
+
+    One that is called as a controller of the package is listed with the folder before it.
+    """
     found = sorted((*folder.glob(f"*/{POLICY_FILE}"), *folder.glob(f"*/*/{POLICY_FILE}")))
-    return {str(path.parent.relative_to(folder)): path.parent for path in found[:MOST]}
+    inside = [(str(path.parent.relative_to(folder)), path.parent) for path in found[:MOST]]
+    return {str(path) if is_name(name) else name: path for name, path in inside}

@@ -4,10 +4,12 @@ import json
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import jax.random as jr
 import pytest
 
+from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
@@ -216,6 +218,15 @@ def test_evaluate_writes_both_files_in_the_stated_form(policy, tmp_path, capsys)
         assert {"mean", "median", "iqm", "low", "high"} <= row["closed_fraction"].keys()
     rows = (out / "evaluation.csv").read_text().splitlines()
     assert len(rows) == 1 + 2 * 2 * 3  # both policies at both lengths
+
+
+def test_results_of_a_name_leave_a_folder_that_is_called_so_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("any-length", "greedy", "eight"):
+        Path(folder).mkdir()
+    assert default_out("any-length") == default_out("greedy") == Path()
+    for folder in ("./any-length", "greedy/", "eight"):
+        assert default_out(folder) == Path(folder) / "evaluation"
 
 
 def test_ctrl_c_in_an_evaluation_is_one_line_and_writes_nothing(tmp_path):

@@ -1,11 +1,19 @@
 import json
+import shutil
+from pathlib import Path
 
 import jax
 import jax.random as jr
 import numpy as np
 import pytest
 
+import salpchain
+from salpchain.cli.main import run
 from salpchain.control.actor_critic import actor_critic
+from salpchain.control.approach import Approach
+from salpchain.control.greedy import Greedy
+from salpchain.control.mpc import MPC
+from salpchain.control.named import names
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
@@ -26,6 +34,36 @@ def test_a_policy_is_loaded_as_it_was_saved_from_its_file_or_its_folder(saved):
         assert again.card == policy.card
         for one, other in zip(jax.tree.leaves(again), jax.tree.leaves(policy), strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def in_folder(path, folder):
+    """A run folder with this policy."""
+    folder.mkdir()
+    shutil.copy(path, folder)
+
+
+def test_every_controller_is_loaded_by_its_name_whatever_folder_is_called_so(
+    saved, tmp_path, monkeypatch
+):
+    for name in names():
+        in_folder(saved[1], tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    for name in names():
+        assert salpchain.load(name).card != saved[0].card
+        assert salpchain.load(f"./{name}").card == salpchain.load(Path(name)).card == saved[0].card
+    for name, kind in (("greedy", Greedy), ("approach", Approach), ("mpc", MPC)):
+        assert type(salpchain.load(name)) is kind
+
+
+def test_what_needs_weights_says_that_a_baseline_has_none(saved, tmp_path, monkeypatch, capsys):
+    in_folder(saved[1], tmp_path / "mpc")
+    monkeypatch.chdir(tmp_path)
+    for name in ("greedy", "mpc"):
+        assert run(["export", name]) == 2
+        said = capsys.readouterr().err
+        assert f"error: {name} has no weights (a learned policy is meant: a path, or any-" in said
+        assert said.count("\n") == 1
+    assert load("./mpc").card == saved[0].card
 
 
 def test_half_precision_is_half_the_size_and_nearly_the_same(saved, tmp_path):

@@ -354,6 +354,22 @@ def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
         Fleet("mpc")
 
 
+def test_a_name_steers_whatever_folder_is_called_so(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    card = PolicyCard(name="own")
+    policy = Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card)
+    for folder in ("greedy", "runs/greedy", "eight", "runs/eight"):
+        Path(folder).mkdir(parents=True)
+        save_policy(policy, Path(folder) / "policy.safetensors")
+    named = Fleet("greedy", Path("runs"))
+    assert named.first == "greedy" and named.load("greedy").card.name == "greedy"
+    assert named.load("runs/greedy").card.name == "own"
+    for folder in ("./greedy", "eight"):
+        own = Fleet(folder, Path("runs"))
+        assert own.first == str(Path(folder).resolve()) and own.load(own.first).card.name == "own"
+        assert own.load("greedy").card.name == "greedy"
+
+
 def test_an_engine_that_fails_ends_the_server(monkeypatch, tmp_path):
     (tmp_path / "policy.safetensors").write_bytes(b"half")
     live, told = server.Live(str(tmp_path)), []
