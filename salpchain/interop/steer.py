@@ -19,7 +19,7 @@ def steering(policy: Controller, **task: Any) -> Steer:
     """What maps observations (..., unit, feature) to mean actions (..., unit, act), clipped.
 
     Args:
-        policy: as `salpchain.load` gives it.
+        policy: a learned one, such as `salpchain.load("any-length")`.
         **task: the settings that the environment was made with.
 
     Raises:
@@ -28,9 +28,7 @@ def steering(policy: Controller, **task: Any) -> Steer:
             another shape.
     """
     if not isinstance(policy, Policy):
-        raise InputError(
-            f"steering takes a learned policy, as salpchain.load gives it, got {policy!r:.60}"
-        )
+        raise InputError(f"steering takes a learned policy, such as any-length, got {policy!r:.60}")
     config = task_of(task)
     _check_fits(policy.card, config)
     slots, features = config.length, OBSERVATION_SIZES[config.observation]
