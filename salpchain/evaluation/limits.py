@@ -77,11 +77,9 @@ def centroid_slack(physics: Physics, length: int | Array) -> Scalar:
 
     The end units have one link instead of two, so the centre of mass keeps away from the point
     halfway between them, farthest when the chain is folded like a hairpin: about an eighth of a
-    link, at any length. A joint counts as open by what half the chain's thrust pulls out of it.
+    link, at any length.
     """
-    give = length * MOST_THRUST / (2 * physics.joint_stiffness) + physics.softness
-    bond = physics.link_length + 2 * give
-    hairpin = bond * ((length - 1) ** 2 // 2) / (2 * length)
+    hairpin = _bond(physics, length) * ((length - 1) ** 2 // 2) / (2 * length)
     shift = hairpin + (length - 1) * physics.softness
     return physics.link_mass * shift / _mass(physics, length)
 
@@ -112,14 +110,41 @@ def reachable(
 def fewest_steps(
     physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float, most: int
 ) -> Int[Array, ""]:
-    """Control steps before which the chain, at rest, cannot take the target point for point.
+    """Control steps before which the chain, at rest, cannot have taken the target (`reached`).
 
-    Each unit must come within the tolerance (m) of its own target point. Turning and bending, which
-    take time too, are not counted: a folded chain turns as fast as it likes (`steps_to_turn` has
-    the time that a straight one takes). At most `most`.
+    A bound for any way of taking it that the discrete Frechet distance allows, within the tolerance
+    (m). Turning and bending, which take time too, are not counted: a folded chain turns as fast as
+    it likes (`steps_to_turn` has the time that a straight one takes). At most `most`.
     """
-    gap = least_distance(physics, chain, target, 0) - tolerance
+    gap = _least_way(physics, chain, target, tolerance)
     return _first(partial(distance_covered, physics, chain.present.sum()), gap, most)
+
+
+def _least_way(
+    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float
+) -> Float[Array, ""]:
+    """Shortest way (m) of the centre of mass to where the target may be taken; negative if there.
+
+    The coupling of the Frechet distance joins the end units with the end points. Any other unit it
+    may join with a point that is not its own, but with none that is farther from an end than the
+    bonds between it and that end allow. So the way is told from how far ahead, in the direction of
+    the whole target, each unit must come at least.
+    """
+    length, slots = chain.present.sum(), len(target)
+    ends = jnp.stack([0, length - 1])[:, None]
+    origin = centre_of_mass(physics, chain)
+    gap = _mean(chain, target) - origin
+    ahead = (target - origin) @ (gap / jnp.maximum(jnp.linalg.norm(gap), physics.softness))
+    hops = jnp.abs(jnp.arange(slots) - ends)
+    hanging = hops * _bond(physics, length)  # m, (end, unit)
+    leash = jnp.where(hops > 0, hanging + 2 * tolerance, 0.0)
+    apart = jnp.linalg.norm(target - target[ends], axis=-1)  # m, (end, point)
+    near = (apart[:, None, :] <= leash[:, :, None]).all(axis=0) & chain.present  # (unit, point)
+    joined = near | jnp.eye(slots, dtype=bool)  # of an end, no other; rounding may not see its own
+    nearest = jnp.where(joined, ahead, jnp.inf).min(axis=-1)
+    least = jnp.maximum(nearest, (ahead[ends] - hanging).max(axis=0))
+    mean = jnp.where(chain.present, least, 0.0).sum() / length
+    return mean - tolerance - centroid_slack(physics, length)
 
 
 def steps_to_turn(
@@ -151,6 +176,12 @@ def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
 def _mean(chain: Chain, points: Float[Array, "unit 2"]) -> Float[Array, "2"]:
     """Mean over the present units."""
     return jnp.where(chain.present[:, None], points, 0.0).sum(axis=0) / chain.present.sum()
+
+
+def _bond(physics: Physics, length: int | Array) -> Scalar:
+    """Longest (m) that a link gets with its two joints, each pulled by half the chain's thrust."""
+    give = length * MOST_THRUST / (2 * physics.joint_stiffness) + physics.softness
+    return physics.link_length + 2 * give
 
 
 def _mass(physics: Physics, length: int | Array) -> Scalar:

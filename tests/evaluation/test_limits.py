@@ -4,6 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from salpchain.domain.config import GOAL_LIMIT
+from salpchain.domain.reward import reached
 from salpchain.evaluation.limits import (
     acceleration,
     angle_turned,
@@ -18,7 +20,7 @@ from salpchain.evaluation.limits import (
     top_speed,
 )
 from salpchain.physics.chain import Physics, at_rest, heading, step
-from tests.physics.poses import LINK, bent
+from tests.physics.poses import LINK, along, bent
 
 PHYSICS = Physics()
 
@@ -144,6 +146,40 @@ def test_the_fewest_steps_are_the_first_after_which_the_goal_is_within_reach(awa
     left = [float(least_distance(PHYSICS, chain, target, k)) for k in range(1, fewest + 1)]
     assert left[-1] <= 0.05 + 1e-5
     assert all(distance > 0.05 - 1e-5 for distance in left[:-1])
+
+
+def to_and_fro(direction, before, after):
+    """A row of five links, with as many pairs of links at its two ends, each there and back."""
+    pair = [direction, direction + np.pi]
+    position, angle = along(np.array([pair * before + [0.0] * 5 + pair * after]))
+    return jnp.asarray(position[0], jnp.float32), jnp.asarray(angle[0], jnp.float32)
+
+
+def test_a_target_taken_by_other_units_than_its_own_needs_no_steps():
+    target, _ = to_and_fro(0.0, 1, 5)
+    position, angle = to_and_fro(-np.pi / 2, 5, 1)
+    chain = at_rest(position + LINK / 2, angle)  # each unit halfway between two target points
+    apart = np.linalg.norm(np.asarray(chain.units.position - target), axis=-1)
+    assert bool(reached(chain, target)) and apart[1:-1].max() > 5 * GOAL_LIMIT
+    assert float(least_distance(PHYSICS, chain, target, 0)) > GOAL_LIMIT  # point for point: not yet
+    assert int(few(chain, target)) == 1
+
+
+@pytest.mark.parametrize("num", [2, 5, 16])
+def test_no_steps_are_asked_of_a_chain_that_is_there(num):
+    rng = np.random.default_rng(num)
+    position, angle = (x.astype(np.float32) for x in bent(rng, 20, num, 0.6))
+    off = rng.normal(size=(20, num, 2))
+    off *= 0.99 * GOAL_LIMIT / np.linalg.norm(off, axis=-1).max(axis=1)[:, None, None]
+    for points, angles, there in zip(position, angle, position + off, strict=True):
+        chain = at_rest(jnp.array(points), jnp.array(angles))
+        assert int(few(chain, jnp.array(there, jnp.float32))) == 1
+
+
+@eqx.filter_jit
+def few(chain, target):
+    """Steps to the goal of the task."""
+    return fewest_steps(PHYSICS, chain, target, GOAL_LIMIT, 1000)
 
 
 def test_a_target_within_reach_can_be_closed_in_full_and_a_far_one_by_speed_times_time():
