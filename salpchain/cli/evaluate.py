@@ -61,7 +61,8 @@ def run(options: Evaluate) -> None:
         summary = evaluate(tested, lengths, trials, options.time_limit, seed, out, progress=watch)
     from rich.console import Console
 
-    Console().print(table(summary), difficulty_table(summary))
+    hardness = difficulty_table(summary)
+    Console().print(table(summary), *([hardness] if hardness.row_count else []))
     print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
 
 

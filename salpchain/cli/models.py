@@ -68,6 +68,6 @@ def _card(name: str) -> str:
     lines.append(f"{'units':>7} {'success %':>10} {'closed %':>9} {'steps to goal':>14}")
     for row in card["measured"]:
         success, closed = 100 * row["success"], 100 * row["closed_fraction"]
-        steps = "-" if row["steps_to_goal"] is None else f"{row['steps_to_goal']:.0f}"
+        steps = "-" if row["steps_to_goal"] is None else f"{row['steps_to_goal']:g}"
         lines.append(f"{row['length']:>7} {success:>10.1f} {closed:>9.1f} {steps:>14}")
     return "\n".join(lines)

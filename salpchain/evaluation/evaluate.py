@@ -132,12 +132,14 @@ def table(summary: Summary) -> Table:
     about = f"{trials} trials, {summary['time_limit']} time limit, seed {summary['seed']}"
     made = Table(
         title=f"{summary['policy']}: {about}",
-        caption="percent [95 % interval]; steps: mean to the goal; limit: what physics allows",
+        caption="percent [95 % interval]; steps: median to the goal; time: median of steps over the"
+        " fewest that physics allows; limit: what physics allows to be closed",
         title_justify="left",
+        caption_justify="left",
         box=SIMPLE_HEAD,
-        pad_edge=False,
+        padding=0,
     )
-    for name in ("length", "success", "closed", "steps"):
+    for name in ("length", "success", "closed", "steps", "time"):
         made.add_column(name, justify="right", no_wrap=True)
     for name in ("greedy\nsuccess", "greedy\nclosed") if baseline else ():
         made.add_column(name, justify="right")
@@ -155,7 +157,7 @@ ASKED = {
 
 
 def difficulty_table(summary: Summary) -> Table:
-    """The trials of all lengths in thirds of each length's, by what makes them hard."""
+    """The trials in thirds of each length's, by what makes them hard; no rows if nothing does."""
     made = Table(
         title="by difficulty, in thirds of each length's trials",
         caption="means; success with its 95 % interval; time: median steps to the goal over the"
@@ -175,19 +177,27 @@ def difficulty_table(summary: Summary) -> Table:
                 f"{scale * third['mean']:{unit}}",
                 _percent(third["success"], 0),
                 f"{100 * third['closed_fraction']:.1f}",
-                "-" if third["time_ratio"] is None else f"{third['time_ratio']:.2f}",
+                _ratio(third["time_ratio"]),
             )
     return made
 
 
 def _cells(own: Summary, other: Summary | None) -> list[str]:
-    steps = own["steps_to_goal"]["mean"]
     cells = [str(own["length"]), _percent(own["success"], 0), _percent(own["closed_fraction"], 1)]
-    cells.append("-" if steps is None else f"{steps:.0f}")
+    cells += [_steps(own["steps_to_goal"]["median"]), _ratio(own["time_ratio"]["median"])]
     if other:
         greedy = other["success"]["mean"], other["closed_fraction"]["mean"]
         cells += [f"{100 * greedy[0]:.0f}", f"{100 * greedy[1]:.1f}"]
     return [*cells, f"{100 * own['reachable']['mean']:.1f}"]
+
+
+def _steps(median: float | None) -> str:
+    """Half steps, which a median may have, are shown."""
+    return "-" if median is None else f"{median:g}"
+
+
+def _ratio(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def _percent(value: dict[str, Any], digits: int) -> str:

@@ -44,7 +44,8 @@ def summarise(frame: pd.DataFrame) -> Summary:
     iqm, low and high; low and high bound the 95 % interval that `intervals` names. Measures that
     a trial lacks, like steps to a goal never reached, are left out of their averages.
     `paper_normalised` has one value for each entry of `lengths`. `by_difficulty` has for each of
-    `HARDNESS` the easy, middle and hard third of every length's trials, all lengths together.
+    `HARDNESS` the easy, middle and hard third of every length's trials, all lengths together but
+    those whose trials it does not part in thirds, like the bend at 2 units.
 
     Raises:
         ValueError: no trials, or trials of several policies, seeds or time limits.
@@ -63,12 +64,24 @@ def summarise(frame: pd.DataFrame) -> Summary:
 
 def _thirds(groups: Sequence[pd.DataFrame], name: str) -> list[Summary]:
     """The trials of all lengths by the third of their own length's trials that they belong to."""
-    places = [np.argsort(np.argsort(rows[name].to_numpy(), kind="stable")) for rows in groups]
-    third = np.concatenate([3 * place // len(place) for place in places])
-    frame = pd.concat(groups)
+    parted = [thirds for rows in groups if (thirds := _parted(rows, name))]
+    together = [pd.concat(third) for third in zip(*parted, strict=True)]
     return [
-        _of_third(THIRDS[k], frame.loc[third == k], name) for k in range(3) if (third == k).any()
+        _of_third(label, rows, name)
+        for label, rows in zip(THIRDS, together, strict=False)
+        if len(rows)
     ]
+
+
+def _parted(rows: pd.DataFrame, name: str) -> list[pd.DataFrame]:
+    """The thirds of a length's trials, low to high; none if equal values would lie in two."""
+    rows = rows.sort_values(name, kind="stable")
+    third = 3 * np.arange(len(rows)) // len(rows)
+    edges = np.flatnonzero(np.diff(third))
+    values = rows[name].to_numpy()
+    if not len(edges) or (values[edges] == values[edges + 1]).any():
+        return []
+    return [rows.loc[third == k] for k in range(3)]
 
 
 def _of_third(third: str, rows: pd.DataFrame, name: str) -> Summary:

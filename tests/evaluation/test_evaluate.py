@@ -33,7 +33,7 @@ def frame_by_formula(name, length, trials, time_limit, seed):
     start = np.arange(1, trials + 1) * length * seed
     about = {"policy": name, "length": length, "trial": np.arange(trials), "seed": seed}
     names = (*MEASURES, *HARDNESS)
-    measures = dict.fromkeys(names, len(name) / 100) | {"start_distance": start}
+    measures = dict.fromkeys(names, len(name) / 100) | {"start_distance": start, "far": start}
     return pd.DataFrame({**about, "time_limit": time_limit, "success": start % 8 == 0, **measures})
 
 
@@ -81,6 +81,7 @@ def test_the_table_shows_both_with_intervals(evaluation):
     assert all(word in text for word in ("greedy", "success", "closed", "limit", "95 % interval"))
     row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["4"])
     assert row[:4] == ["4", "40", "[12,", "77]"]  # Wilson's interval of two in five
+    assert row[-5:] == ["0.08", "0.08", "40", "6.0", "8.0"] and "fewest" in text
     assert max(map(len, text.splitlines())) <= 80
     console.print(table({**evaluation[0], "baseline": None}))
     assert "greedy" not in console.export_text()
@@ -91,7 +92,24 @@ def test_a_second_table_shows_what_makes_trials_hard(evaluation):
     console.print(difficulty_table(evaluation[0]))
     text = console.export_text()
     assert max(map(len, text.splitlines())) <= 80
-    assert all(word in text for word in ("distance", "turn of the target", "bend", "[", "time"))
+    assert all(word in text for word in ("distance", "[", "time"))
+    assert "turn of the target" not in text  # the same in all trials
+
+
+def test_the_table_has_room_for_its_widest_numbers_and_shows_half_steps(evaluation):
+    row = evaluation[0]["lengths"][0]
+    wide = {"mean": 1.0, "low": 1.0, "high": 1.0}
+    steps = {"steps_to_goal": {"median": 1767.5}, "time_ratio": {"median": 11.68}}
+    full = {**row, "length": 128, "success": wide, "closed_fraction": wide, "reachable": wide}
+    whole = {"steps_to_goal": {"median": 62.0}}
+    summary = {**evaluation[0], "lengths": [{**full, **steps}, {**full, **steps, **whole}]}
+    summary["baseline"] = {"lengths": [full, full]}
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(table(summary))
+    text = console.export_text()
+    ends = ["11.68", "100", "100.0", "100.0"]
+    both = [line.split() for line in text.splitlines() if line.split()[:1] == ["128"]]
+    assert [line[-5:] for line in both] == [["1767.5", *ends], ["62", *ends]]
 
 
 def test_a_single_trial_has_an_interval_of_success_alone(evaluation):
@@ -99,7 +117,7 @@ def test_a_single_trial_has_an_interval_of_success_alone(evaluation):
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(table(one))
     row = next(x.split() for x in console.export_text().splitlines() if x.split()[:1] == ["8"])
-    assert row == ["8", "100", "[21,", "100]", "6.0", "0", "6.0"]
+    assert row == ["8", "100", "[21,", "100]", "6.0", "0.06", "0.06", "6.0"]
 
 
 def test_the_baseline_is_not_its_own_baseline(monkeypatch):

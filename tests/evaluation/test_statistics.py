@@ -131,6 +131,17 @@ def test_trials_are_shared_out_by_the_third_of_their_own_length():
     assert [third["mean"] for third in thirds] == pytest.approx([51, 54, 57])
 
 
+def test_a_length_whose_trials_are_all_as_hard_is_in_no_third():
+    rows = frame(lengths=(2, 4), trials=9)
+    rows["bend"] = np.where(rows.length == 2, 0.0, rows.trial)
+    thirds = summarise(rows)["by_difficulty"]["bend"]
+    assert [third["trials"] for third in thirds] == [3, 3, 3]
+    assert [third["mean"] for third in thirds] == pytest.approx([1, 4, 7])
+    assert summarise(rows[rows.length == 2])["by_difficulty"]["bend"] == []
+    rows["bend"] = np.where(rows.trial < 5, 0.0, rows.trial)  # the third and the fourth are alike
+    assert summarise(rows)["by_difficulty"]["bend"] == []
+
+
 def test_two_trials_make_no_third_of_their_own():
     thirds = summarise(frame(trials=2))["by_difficulty"]["turn"]
     assert sum(third["trials"] for third in thirds) == 4
