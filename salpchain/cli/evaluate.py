@@ -19,7 +19,8 @@ class Evaluate:
     """Test a policy, unchanged, on chains of many lengths, beside the greedy baseline.
 
     Every length is played from the same random starts, whatever the policy. A row for each trial
-    goes to evaluation.csv, means, medians and 95 % intervals by length to evaluation.json.
+    goes to evaluation.csv, means, medians and 95 % intervals by length to evaluation.json;
+    docs/evaluate.md says what each column means.
 
     Example: salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
     """

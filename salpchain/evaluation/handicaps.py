@@ -18,7 +18,8 @@ class Noisy(eqx.Module):
     """The controller with Gaussian noise on every pose and velocity that it is told, each step.
 
     Standard deviations: `place` in metres (and, for velocities, in metres a second) and `angle` in
-    radians (and radians a second). The noise follows from the episode's key.
+    radians (and radians a second). Target points and the forces that units sense stay exact. The
+    noise follows from the episode's key.
     """
 
     controller: Controller

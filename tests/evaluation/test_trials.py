@@ -1,4 +1,6 @@
+import re
 from functools import partial
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -60,6 +62,12 @@ def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
     }
     assert greedy.success.dtype == bool
     assert greedy.isna().sum().drop(["steps_to_goal", "time_ratio"]).sum() == 0
+
+
+def test_the_page_on_evaluations_says_what_every_column_is(greedy):
+    page = (Path(__file__).parent.parent.parent / "docs" / "evaluate.md").read_text()
+    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == set(greedy.columns)
 
 
 def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle):
