@@ -7,6 +7,7 @@ from salpchain.domain.config import TaskConfig, check_length, check_seed, one_of
 from salpchain.errors import InputError
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
+WEIGHTS = (1e-6, 1e6)  # of lengths; far apart, in single precision, one would be nothing (chosen)
 RATIOS = ("chain", "unit")
 CREDITS = ("chain", "unit")
 
@@ -86,8 +87,10 @@ class Mix:
             raise InputError(
                 f"weights must be as many as lengths, {len(self.lengths)}, got {len(self.weights)}"
             )
-        if not all(0 < weight < float("inf") for weight in self.weights):
-            raise InputError(f"weights must be positive, got {list(self.weights)}")
+        least, most = WEIGHTS
+        if not all(least <= weight <= most for weight in self.weights):
+            given = ",".join(f"{weight:g}" for weight in self.weights)
+            raise InputError(f"weights must be {least:f} to {most:.0f}, got {given}")
         if not 0 <= self.grow <= 1:
             raise InputError(f"curriculum must lie in [0, 1], got {self.grow}")
         if self.grow and len(self.lengths) < 2:
