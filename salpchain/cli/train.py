@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
 from salpchain.errors import InputError
-from salpchain.evaluation.config import parse_lengths
+from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 
@@ -78,40 +78,6 @@ def run(options: Train) -> int:
     return 0
 
 
-def _asked(options: Train) -> dict[str, Any]:
-    """What was given, None for what was left out."""
-    names = {"model": options.model, "graph": options.graph, "observation": options.observation}
-    return {
-        **{name: value or None for name, value in names.items()},
-        **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
-        **_asked_lengths(options),
-    }
-
-
-def _asked_lengths(options: Train) -> dict[str, Any]:
-    """The longest of the lengths given, and the mix of all, None for what was left out."""
-    lengths = parse_lengths(options.length) if options.length else []
-    many = len(lengths) > 1
-    for name in ("weights", "curriculum"):
-        if getattr(options, name) and not many:
-            got = options.length or "none"
-            raise InputError(f"--{name} needs several lengths, got {got}: try --length 4..16")
-    mix = Mix(
-        tuple(lengths) if many else (),
-        decimals("weights", options.weights),
-        _share("curriculum", options.curriculum),
-    )
-    return {"length": lengths[-1] if lengths else None, "mix": mix}
-
-
-def _share(name: str, text: str) -> float:
-    """The one number that an option holds; 0 where it was left out."""
-    given = decimals(name, text)
-    if len(given) > 1:
-        raise InputError(f"--{name} must be one number, such as 0.9, got {text!r}")
-    return float(sum(given))
-
-
 def settings(options: Train, folder: Path) -> TrainConfig:
     """The settings of the run that the options ask for; of the run itself where it goes on.
 
@@ -120,16 +86,91 @@ def settings(options: Train, folder: Path) -> TrainConfig:
     """
     asked = _asked(options)
     if not options.resume:
-        return presets.choose(options.preset or "quick", **asked)
+        return _new(options, asked)
     config, _ = run_folder.read_config(folder)
-    mix = asked.pop("mix")
-    asked |= {name: value or None for name, value in vars(mix).items()}
-    if options.length:
-        asked["lengths"] = mix.lengths
-    odd = run_folder.contradictions(config, {**asked, "preset": options.preset or None})
-    if odd:
-        raise InputError(f"--resume goes on with the settings of {folder}, but {odd[0]}")
+    has = _of_run(config)
+    for name, (value, text) in has.items():
+        if asked[name] not in (None, value):
+            given = getattr(options, name)
+            raise InputError(
+                f"--resume goes on with the settings of {folder}, but --{name} is {text} in the"
+                f" run, {given} was given: leave --{name} out"
+            )
     return config
+
+
+def _asked(options: Train) -> dict[str, Any]:
+    """What was given, by option, None for what was left out.
+
+    Raises:
+        InputError: an option that cannot be read.
+    """
+    names = ("preset", "model", "graph", "observation")
+    return {
+        **{name: getattr(options, name) or None for name in names},
+        **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
+        "length": _lengths(options),
+        "weights": decimals("weights", options.weights) or None,
+        "curriculum": _share("curriculum", options.curriculum),
+    }
+
+
+def _lengths(options: Train) -> tuple[int, ...] | None:
+    """The lengths given, ascending, each once; with weights they must be typed so."""
+    if not options.length:
+        return None
+    lengths, typed = parse_lengths(options.length), list_lengths(options.length)
+    if options.weights and lengths != typed:
+        raise InputError(
+            f"--weights needs lengths that ascend, each once, got {options.length}:"
+            f" try --length {lengths_as_text(lengths)}"
+        )
+    return tuple(lengths)
+
+
+def _share(name: str, text: str) -> float | None:
+    """The one number that an option holds; None where it was left out."""
+    given = decimals(name, text)
+    if len(given) > 1:
+        raise InputError(f"--{name} must be one number, such as 0.9, got {text!r}")
+    return given[0] if given else None
+
+
+def _new(options: Train, asked: dict[str, Any]) -> TrainConfig:
+    """The settings of a new run."""
+    lengths = asked["length"] or ()
+    many = len(lengths) > 1
+    for name in ("weights", "curriculum"):
+        if asked[name] is not None and not many:
+            got = options.length or "none"
+            raise InputError(f"--{name} needs several lengths, got {got}: try --length 4..16")
+    mix = Mix(lengths if many else (), asked["weights"] or (), asked["curriculum"] or 0.0)
+    names = ("model", "graph", "observation", "seed", "steps")
+    return presets.choose(
+        asked["preset"] or "quick",
+        length=lengths[-1] if lengths else None,
+        mix=mix,
+        **{name: asked[name] for name in names},
+    )
+
+
+def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
+    """What a run has of each option: as read, and as one would type it."""
+    weights = config.mix.weights or (1.0,) * len(config.lengths)
+    values = {
+        "preset": config.preset,
+        "model": config.control.model,
+        "graph": config.control.graph,
+        "observation": config.task.observation,
+        "seed": config.seed,
+        "steps": config.steps,
+    }
+    return {
+        **{name: (value, str(value)) for name, value in values.items()},
+        "length": (config.lengths, lengths_as_text(config.lengths)),
+        "weights": (weights, ",".join(f"{weight:g}" for weight in weights)),
+        "curriculum": (config.mix.grow, f"{config.mix.grow:g}"),
+    }
 
 
 def _report(summary: dict[str, Any], folder: Path) -> None:

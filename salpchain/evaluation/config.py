@@ -1,5 +1,7 @@
 """Settings of an evaluation. Imports nothing heavy: the command line checks its input with it."""
 
+from collections.abc import Sequence
+
 from salpchain.domain.config import LONGEST, check_length
 from salpchain.errors import InputError
 
@@ -12,6 +14,15 @@ RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,
 def parse_lengths(text: str) -> list[int]:
     """The lengths that a text names, ascending and each once.
 
+    Raises:
+        InputError: as `list_lengths`.
+    """
+    return sorted(set(list_lengths(text)))
+
+
+def list_lengths(text: str) -> list[int]:
+    """The lengths that a text names, as typed.
+
     Parts between commas are numbers or ranges whose end is included: `4:64:4` is 4, 8, ..., 64,
     and `4..16` every length from 4 to 16.
 
@@ -20,9 +31,17 @@ def parse_lengths(text: str) -> list[int]:
     """
     lengths = [length for part in text.split(",") for length in _part(part.strip(), text)]
     try:
-        return sorted({check_length(length) for length in lengths})
+        return [check_length(length) for length in lengths]
     except ValueError as error:
         raise InputError(f"lengths {text!r}: {error}") from None
+
+
+def lengths_as_text(lengths: Sequence[int]) -> str:
+    """The text that names these lengths, ascending and each once: `4..16`, or `4,8,16`."""
+    first, last = lengths[0], lengths[-1]
+    if len(lengths) > 2 and last - first == len(lengths) - 1:
+        return f"{first}..{last}"
+    return ",".join(map(str, lengths))
 
 
 def _part(part: str, text: str) -> list[int]:

@@ -6,7 +6,6 @@ Imports neither JAX nor pandas, so that bad input is refused at once.
 import csv
 import dataclasses
 import io
-import json
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -185,20 +184,3 @@ def _as_csv(rows: list[dict[str, str]]) -> str:
         writer.writeheader()
         writer.writerows(rows)
     return text.getvalue()
-
-
-def contradictions(config: TrainConfig, asked: dict[str, Any]) -> list[str]:
-    """What of the settings asked for is not what the run has, in words."""
-    has = {**_flat(dataclasses.asdict(config))}
-    return [
-        f"{name} is {json.dumps(has[name])} in the run, {json.dumps(value)} was given"
-        for name, value in asked.items()
-        if value is not None and has[name] != value
-    ]
-
-
-def _flat(values: dict[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in values.items():
-        flat.update(value if isinstance(value, dict) else {name: value})
-    return flat

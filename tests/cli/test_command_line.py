@@ -11,10 +11,12 @@ import pytest
 
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
+from salpchain.cli.train import Train, settings
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
+from salpchain.training.config import Mix
 from salpchain.training.presets import choose
 from salpchain.training.run_folder import create
 
@@ -50,6 +52,8 @@ def used(tmp_path):
     return folder
 
 
+MANY = Mix((2, 3, 4, 5), grow=0.5)
+
 BAD = [
     (["trian"], "perhaps train"),
     (["train"], "--out"),
@@ -62,6 +66,9 @@ BAD = [
     (["train", "--out", "NEW", "--length", "16..4"], "runs backwards"),
     (["train", "--out", "NEW", "--length", "4..8", "--weights", "1,2"], "as many as lengths, 5"),
     (["train", "--out", "NEW", "--length", "4,8", "--weights", "1,much"], "must be numbers"),
+    (["train", "--out", "NEW", "--length", "5,2", "--weights", "9,1"], "try --length 2,5"),
+    (["train", "--out", "NEW", "--length", "4,4,8", "--weights", "1,2,3"], "try --length 4,8"),
+    (["train", "--out", "NEW", "--length", "4,8", "--weights", "nan,1"], "to 1000000, got nan,1"),
     (["train", "--out", "NEW", "--weights", "1,2"], "needs several lengths"),
     (["train", "--out", "NEW", "--length", "8", "--curriculum", "0.9"], "needs several lengths"),
     (["train", "--out", "NEW", "--length", "4,8", "--curriculum", "90"], "in [0, 1], got 90"),
@@ -161,17 +168,35 @@ def test_bad_input_gets_one_line_and_status_2_and_changes_nothing(
     assert (used / "thesis.tex").read_text() == "precious"
 
 
-def test_resume_refuses_settings_that_contradict_the_run(fresh_run, capsys):
-    before = (fresh_run / "config.json").read_text()
-    for words, says in (
-        (["--length", "9"], "length is 8 in the run, 9 was given"),
-        (["--length", "4,8"], "lengths is [] in the run, [4, 8] was given"),
-        (["--preset", "paper"], 'preset is "quick" in the run'),
-        (["--seed", "3"], "seed is 0"),
-    ):
-        assert run(["train", "--resume", "--out", str(fresh_run), *words]) == 2
-        assert says in capsys.readouterr().err
-    assert (fresh_run / "config.json").read_text() == before
+@pytest.mark.parametrize(
+    ("mix", "words", "says"),
+    [
+        (Mix(), ["--length", "9"], "--length is 8 in the run, 9 was given"),
+        (Mix(), ["--length", "4,8"], "--length is 8 in the run, 4,8 was given"),
+        (Mix(), ["--preset", "paper"], "--preset is quick in the run"),
+        (Mix(), ["--seed", "3"], "--seed is 0"),
+        (MANY, ["--length", "2..6"], "--length is 2..5 in the run, 2..6 was given"),
+        (MANY, ["--length", "5"], "--length is 2..5 in the run, 5 was given"),
+        (MANY, ["--weights", "1,2,1,1"], "--weights is 1,1,1,1 in the run, 1,2,1,1 was given"),
+        (MANY, ["--length", "5,2", "--weights", "9,1"], "try --length 2,5"),
+        (MANY, ["--curriculum", "0.6"], "--curriculum is 0.5 in the run, 0.6 was given"),
+        (MANY, ["--length", "2..5", "--curriculum", "0"], "--curriculum is 0.5 in the run, 0 was"),
+    ],
+)
+def test_resume_refuses_settings_that_contradict_the_run(mix, words, says, tmp_path, capsys):
+    create(tmp_path / "run", choose("quick", mix=mix), 1, "cpu")
+    before = (tmp_path / "run" / "config.json").read_text()
+    assert run(["train", "--resume", "--out", str(tmp_path / "run"), *words]) == 2
+    assert says in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["config.json"]
+    assert (tmp_path / "run" / "config.json").read_text() == before
+
+
+def test_resume_takes_the_settings_of_the_run_typed_again(tmp_path):
+    config = choose("quick", mix=MANY)
+    create(tmp_path, config, 1, "cpu")
+    again = Train(length="2,3,4,5", weights="1,1,1,1", curriculum="0.5", model="gcn", resume=True)
+    assert settings(again, tmp_path) == config
 
 
 def assert_resuming_says_one_line(run_folder, says, capsys):

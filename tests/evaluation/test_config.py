@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from salpchain.errors import InputError
-from salpchain.evaluation.config import parse_lengths
+from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
 
 GOOD = {
     "8": [8],
@@ -49,6 +49,15 @@ BAD = {
 @pytest.mark.parametrize("text", GOOD)
 def test_lengths_are_read_ascending_and_each_once(text):
     assert parse_lengths(text) == GOOD[text]
+
+
+def test_lengths_can_be_had_as_typed():
+    assert list_lengths("16, 4..6 ,5") == [16, 4, 5, 6, 5]
+
+
+@pytest.mark.parametrize("text", ["8", "4,5", "4..6", "4,5,7", "4,8,16"])
+def test_lengths_are_written_as_one_types_them(text):
+    assert lengths_as_text(parse_lengths(text)) == text
 
 
 @pytest.mark.parametrize("text", BAD)
