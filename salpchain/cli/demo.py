@@ -47,15 +47,11 @@ def run(options: Demo) -> int:
 
 
 def _train(options: Demo, run: Path) -> int:
-    """Trains, or goes on with a training that was interrupted; nothing if it is whole."""
+    """Trains, or goes on with a training that was interrupted, unless it is whole."""
     resume = (run / run_folder.CONFIG_FILE).exists()
     asked = train_command.Train(
         out=str(run), preset="quick", seed=options.seed, steps=options.steps, resume=resume
     )
-    if (run / run_folder.SUMMARY_FILE).exists():
-        train_command.settings(asked, run)
-        print(f"{run} is trained already")
-        return 0
     return train_command.run(asked)
 
 

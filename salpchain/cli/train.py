@@ -61,6 +61,10 @@ def run(options: Train) -> int:
     config = settings(options, folder)
     if not options.resume:
         run_folder.check_free(folder)
+    elif run_folder.is_finished(folder):
+        print(f"{folder} is trained already: all {config.total_steps:,} steps are done")
+        _advise(folder)
+        return 0
     from salpchain.cli.display import training_display
     from salpchain.training.journal import NotFiniteError
     from salpchain.training.trainer import resume, train
@@ -177,4 +181,8 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
     success = summary["success"]
     rate = "no episode ended" if success is None else f"success {100 * success:.1f} %"
     print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s: {rate} at the end")
+    _advise(folder)
+
+
+def _advise(folder: Path) -> None:
     print(f"test it on other lengths with: salpchain evaluate {folder}")

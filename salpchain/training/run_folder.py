@@ -56,6 +56,11 @@ def is_free(run: Path) -> bool:
     return not run.exists() or all(p.name.startswith(f".{CONFIG_FILE}") for p in run.iterdir())
 
 
+def is_finished(run: Path) -> bool:
+    """Whether the run came to its end: its summary is written last."""
+    return (run / SUMMARY_FILE).exists()
+
+
 def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
     """Every setting, package versions and the device, as plain JSON values."""
     return {

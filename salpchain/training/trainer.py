@@ -74,7 +74,8 @@ def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
     with alone(run):
         learner = _saved_or_new(sitting.env, config, run)
         done = int(learner.iteration) * config.ppo.batch
-        sitting.tell(Progress(done, config.total_steps, compiling=True))
+        if done < config.total_steps:
+            sitting.tell(Progress(done, config.total_steps, compiling=True))
         return _continue(sitting, [learner])[0]
 
 

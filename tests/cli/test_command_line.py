@@ -199,6 +199,18 @@ def test_resume_takes_the_settings_of_the_run_typed_again(tmp_path):
     assert settings(again, tmp_path) == config
 
 
+def test_resuming_a_finished_run_says_so_at_once_and_changes_nothing(
+    fresh_run, monkeypatch, capsys
+):
+    (fresh_run / "summary.json").write_text("{}")
+    monkeypatch.setattr("salpchain.training.trainer.resume", None)
+    assert run(["train", "--resume", "--out", str(fresh_run)]) == 0
+    said = capsys.readouterr().out
+    assert "is trained already: all 1,253,376 steps are done" in said
+    assert f"salpchain evaluate {fresh_run}" in said and "compiling" not in said
+    assert (fresh_run / "summary.json").read_text() == "{}"
+
+
 def assert_resuming_says_one_line(run_folder, says, capsys):
     assert run(["train", "--resume", "--out", str(run_folder)]) == 2
     said = capsys.readouterr()

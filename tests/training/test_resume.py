@@ -166,6 +166,13 @@ def test_a_log_that_was_lost_does_not_stop_a_run(undisturbed, tmp_path):
     assert resume(tmp_path)["steps"] == small(ITERATIONS).total_steps
 
 
+def test_a_run_killed_before_its_summary_gets_it_and_compiles_nothing(undisturbed, tmp_path):
+    copy_of(undisturbed, tmp_path)
+    told = []
+    resume(tmp_path, told.append)
+    assert told == [] and (tmp_path / "summary.json").exists()
+
+
 @pytest.mark.parametrize(
     ("group", "name", "value", "word"),
     [("task", "length", 4, "expected"), ("ppo", "momentum", 0.9, "momentum")],
