@@ -9,6 +9,7 @@ import re
 import sys
 import textwrap
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 from salpchain import __version__
@@ -99,9 +100,26 @@ def _dispatch(arguments: list[str]) -> int:
         raise InputError(
             f"unknown command {name!r}: choose one of {', '.join(COMMANDS)}{_close(name, COMMANDS)}"
         )
+    _check_filled(name, rest)
     module = import_module(f"salpchain.cli.{name}")
     options = _read(getattr(module, COMMANDS[name][0]), name, rest)
     return 0 if options is None else (module.run(options) or 0)
+
+
+def _check_filled(name: str, arguments: list[str]) -> None:
+    """Nothing, if every argument says something: an empty one would pass for one left out.
+
+    Raises:
+        InputError: one is empty.
+    """
+    for before, given in pairwise(("", *arguments)):
+        option = before if before.startswith("--") else "an argument"
+        if given.startswith("--") and given.endswith("="):
+            option, given = given[:-1], ""
+        if not given:
+            raise InputError(
+                f"salpchain {name}: {option} is empty: give it a value or leave it out"
+            )
 
 
 def _help() -> str:

@@ -76,8 +76,6 @@ class Reproduce:
 def run(options: Reproduce) -> int:
     """The whole study; 1 if a run failed for good, 2 if results were damaged."""
     grid = grid_of(options)
-    if not options.out:
-        raise InputError("salpchain reproduce needs --out FOLDER, the folder of the study")
     folder = Path(options.out)
     resources = _resources(options)
     check_folder(folder, grid)
