@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Whole, number, text_option
-from salpchain.control.named import check_there, is_name
+from salpchain.control.named import check_live, check_there, is_name
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
@@ -62,7 +62,8 @@ def run(options: Live) -> None:
 
 
 def _check_policy(policy: str) -> None:
-    """Nothing, if there is such a policy; before the port is taken and JAX imported."""
+    """Nothing, if such a policy can steer; before the port is taken and JAX imported."""
+    check_live(policy)
     if not policy or is_name(policy):
         return
     check_there(policy)

@@ -26,23 +26,26 @@ class Models:
 
     policy: tyro.conf.Positional[Annotated[str, text_option("NAME")]] = ""
     """A released policy whose model card to show."""
-    length: Whole = "8"
-    """Training length, which sets the number of log-stds."""
-    observation: Name = "table1"
-    """What the units observe: table1 (the paper's), body, anonymous or metric."""
+    length: Whole = ""
+    """Training length, which sets the number of log-stds. Default: 8."""
+    observation: Name = ""
+    """What the units observe: table1 (the paper's; default), body, proximity (as any-length),
+    anonymous or metric."""
 
 
 def run(options: Models) -> None:
     """Prints a line for each model, the hand-written controllers and each released policy."""
     if options.policy:
+        _check_alone(options)
         print(_card(options.policy))
         return
-    length = check_length(number("length", options.length))
-    one_of("observation", options.observation, OBSERVATION_SIZES)
+    length = check_length(number("length", options.length or "8"))
+    observation = options.observation or "table1"
+    one_of("observation", observation, OBSERVATION_SIZES)
     from salpchain.control.count import num_parameters
 
-    inputs = OBSERVATION_SIZES[options.observation]
-    print(f"{'model':<8} {'parameters':>10}   ({options.observation}, {length} units)")
+    inputs = OBSERVATION_SIZES[observation]
+    print(f"{'model':<8} {'parameters':>10}   ({observation}, {length} units)")
     for model in MODELS:
         print(f"{model:<8} {num_parameters(model, inputs, length):>10,}")
     for name, written in WRITTEN.items():
@@ -51,6 +54,17 @@ def run(options: Models) -> None:
         print("\nreleased policies (salpchain models NAME shows the model card)")
     for name in released():
         print(f"{name:<14} {model_card(name)['about']}")
+
+
+def _check_alone(options: Models) -> None:
+    """Nothing, if the model card was asked for and none of what the list alone can use."""
+    for name in ("length", "observation"):
+        given = getattr(options, name)
+        if given:
+            raise InputError(
+                f"--{name} is for the list of controllers, got {given} with {options.policy}:"
+                f" leave --{name} or the name out"
+            )
 
 
 def _card(name: str) -> str:

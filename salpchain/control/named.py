@@ -58,6 +58,17 @@ def names() -> list[str]:
     return [*released(), *WRITTEN]
 
 
+def check_live(source: str) -> None:
+    """Nothing, unless this names a controller that is too slow to steer while a person watches.
+
+    Raises:
+        InputError: it does; the message lists those that are quick enough.
+    """
+    if source in WRITTEN and not WRITTEN[source].live:
+        quick = ", ".join(n for n in names() if n not in WRITTEN or WRITTEN[n].live)
+        raise InputError(f"{source} is too slow to steer live: choose a run, or one of {quick}")
+
+
 def check_there(source: str | Path) -> None:
     """Nothing, if this names a controller or is a path that exists.
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from salpchain.control import named
-from salpchain.control.named import WRITTEN, check_there, is_name
+from salpchain.control.named import WRITTEN, check_live, check_there, is_name
 from salpchain.control.policy import Controller
 from salpchain.control.released import released
 from salpchain.control.storage import POLICY_FILE, load
@@ -31,7 +31,7 @@ class Fleet:
         self.first = best[0] if best else next(iter(self._paths), "approach")
         self._loaded: dict[str, Controller] = {}
         if is_name(chosen):
-            _check_quick(chosen)
+            check_live(chosen)
             self.first = chosen
         elif chosen:
             self._add(chosen)
@@ -65,11 +65,6 @@ class Fleet:
             path = self._paths.get(name)
             self._loaded[name] = load(path) if path else named.load(name)
         return self._loaded[name]
-
-
-def _check_quick(name: str) -> None:
-    if name in WRITTEN and not WRITTEN[name].live:
-        raise InputError(f"{name} is too slow to steer live: {WRITTEN[name].about}")
 
 
 def _runs_in(folder: Path) -> dict[str, Path]:
