@@ -49,8 +49,8 @@ def load(source: str | Path) -> Policy:
         if source in WRITTEN:
             raise InputError(f"{source} has no weights ({_meant()})")
         path = released().get(source, path)
-    if not path.exists():
-        raise InputError(f"no such run folder or policy: {source} ({_meant()})")
+    if source == "" or not path.exists():  # as a path, "" would be the working folder
+        raise InputError(f"no such run folder or policy: {source or repr(source)} ({_meant()})")
     if path.is_dir():
         path = path / POLICY_FILE
         if not path.exists():

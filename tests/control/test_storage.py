@@ -121,6 +121,11 @@ def test_a_folder_without_a_policy_is_refused(tmp_path):
         load(tmp_path)
 
 
+def test_no_name_at_all_is_refused_for_what_it_is():
+    with pytest.raises(InputError, match="no such run folder or policy: ''"):
+        load("")
+
+
 def test_the_card_is_plain_json(saved):
     policy, _ = saved
     assert json.loads(json.dumps(policy.card.as_dict()))["control"]["model"] == "gcn"
