@@ -22,6 +22,8 @@ class Evaluate:
     goes to evaluation.csv, means, medians and 95 % intervals by length to evaluation.json;
     docs/evaluate.md says what each column means.
 
+    mpc plans anew in every control step, which takes minutes for a few chains.
+
     Example: salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
     """
 

@@ -19,7 +19,8 @@ class Train:
     The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
     checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
     bit for bit as if it had never stopped. On several lengths, quick also asks for a goal of 2 cm,
-    starts some episodes folded, shows each unit who is near, and rewards entropy at first.
+    starts some episodes folded, shows each unit who is near, has gcn count a unit's own features
+    twice, and takes twice the steps.
 
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
 
@@ -36,19 +37,22 @@ class Train:
     """Who listens to whom: mixed (itself and its neighbours; default), full (everyone), near (up to
     4 links away) or hub (neighbours, and a summary of the chain)."""
     observation: Name = ""
-    """body (a unit's own view; quick), table1 (the paper's 24 numbers; paper), proximity (body
-    and the nearest unit that is no neighbour), anonymous (that without the place in the chain) or
-    metric (that with what is far in metres)."""
+    """body (a unit's own view; quick on one length), table1 (the paper's 24 numbers; paper),
+    proximity (body and the nearest unit that is no neighbour; quick on several lengths), anonymous
+    (proximity without the place in the chain) or metric (proximity with what is far in metres)."""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""
-    """How often an episode has each of several lengths. Default: equally often."""
+    """How often an episode has each of several lengths, which must ascend. Default: equally
+    often."""
     curriculum: Annotated[str, text_option("SHARE")] = ""
     """Share of successes at which the next longer length joins. Default: all from the start."""
     seed: Whole = ""
     """Seed of all randomness. Default: 0."""
     steps: Whole = ""
-    """Chain-steps in all, in whole rollouts. Default: the preset's (quick at 8 units: 1250000)."""
+    """Chain-steps in all, in whole rollouts. Default of quick: 1000000, and 31250 for each unit of
+    the longest chain (gt on mixed: 500000 and 93750), twice that on several lengths; of paper:
+    30720000."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 

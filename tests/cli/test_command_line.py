@@ -1,6 +1,7 @@
 """What a user meets on the command line; most cases in this process, for speed."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -16,8 +17,9 @@ from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
+from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.training.config import Mix
-from salpchain.training.presets import choose
+from salpchain.training.presets import QUICK_STEPS, QUICK_STEPS_OF, choose
 from salpchain.training.run_folder import create
 
 
@@ -103,6 +105,8 @@ BAD = [
     (["figure", "zero-shot", "USED"], "no evaluation.json"),
     (["figure", "learning", "USED"], "USED"),
     (["models", "--length", "900"], "2 to 512"),
+    (["models", "any-length", "--length", "1"], "--length is for the list of controllers, got 1"),
+    (["models", "any-length", "--observation", "body"], "--observation is for the list"),
     (["bench", "--envs", "0"], "at least 1"),
     (["reproduce", "--out", "NEW", "--models", "mlp,gnn"], "unknown model 'gnn'"),
     (["reproduce", "--out", "NEW", "--models", "mlp", "--graphs", "full"], "an mlp has no graph"),
@@ -139,6 +143,7 @@ BAD = [
     (["live", "NEW"], "no such run folder or policy"),
     (["live", "USED"], "not a run folder with a policy"),
     (["live", "USED/thesis.tex"], "not a salpchain policy"),
+    (["live", "mpc", "--port", "0"], "mpc is too slow to steer live: choose a run, or one of"),
     (["live", "--port", "70000"], "--port must be 0 to 65535"),
     (["live", "--host", "no.such.host.invalid"], "no name or address of this machine"),
     (["reproduce", "--out", "USED"], "holds something else than a study"),
@@ -163,8 +168,9 @@ def test_bad_input_gets_one_line_and_status_2_and_changes_nothing(
     places = {"NEW": str(new), "USED": str(used)}
     words = [w.replace("NEW", places["NEW"]).replace("USED", places["USED"]) for w in words]
     assert run(words) == 2
-    said = capsys.readouterr().err.strip()
-    assert said.startswith("salpchain: error:") and "\n" not in said
+    printed = capsys.readouterr()
+    said = printed.err.strip()
+    assert printed.out == "" and said.startswith("salpchain: error:") and "\n" not in said
     assert says.replace("USED", places["USED"]) in said
     assert not new.exists()
     assert [p.name for p in used.iterdir()] == ["thesis.tex"]
@@ -332,6 +338,28 @@ def test_every_command_has_a_page_with_an_example(command, capsys):
     assert run([command, "--help"]) == 0
     page = capsys.readouterr().out
     assert f"salpchain {command}" in page and "Example:" in page
+
+
+def page(command, capsys):
+    """The page of a command as running text."""
+    assert run([command, "--help"]) == 0
+    return " ".join(capsys.readouterr().out.replace("│", " ").split())
+
+
+def test_the_pages_name_every_observation(capsys):
+    for command in ("train", "models"):
+        told = page(command, capsys)
+        assert [name for name in OBSERVATION_SIZES if name not in told] == []
+
+
+def test_the_page_of_train_says_what_the_presets_take(capsys):
+    told = page("train", capsys)
+    steps = (*QUICK_STEPS, *QUICK_STEPS_OF["gt", "mixed"], choose("paper").steps)
+    assert [number for number in steps if str(number) not in told] == []
+    one, many = choose("quick"), choose("quick", mix=MANY)
+    for config, lengths in ((one, "one length"), (many, "several lengths")):
+        before = re.split(r"(body|table1|proximity) \(", told.split(f"; quick on {lengths}")[0])
+        assert before[-2] == config.task.observation
 
 
 def test_help_needs_no_jax():
