@@ -82,6 +82,8 @@ def run(arguments: list[str]) -> int:
         return 130
     except InputError as error:
         return _fail(str(error))
+    except BrokenPipeError:
+        raise
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
         advice = ADVICE.get(error.errno or 0, "")

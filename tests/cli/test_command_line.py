@@ -328,6 +328,15 @@ def test_a_missing_extra_is_named():
     assert done.returncode == 2 and "pip install 'salpchain[live]'" in done.stderr
 
 
+def test_a_reader_that_has_seen_enough_is_no_error():
+    command = [sys.executable, "-u", "-m", "salpchain.cli.main", "models"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    assert process.stderr.read() == "" and process.wait() == 0
+    process.stderr.close()
+
+
 def test_models_prints_the_papers_count(capsys):
     assert run(["models", "--length", "8"]) == 0
     assert "102,804" in capsys.readouterr().out
