@@ -89,7 +89,7 @@ class Mix:
             )
         least, most = WEIGHTS
         if not all(least <= weight <= most for weight in self.weights):
-            given = ",".join(f"{weight:g}" for weight in self.weights)
+            given = ",".join(map(str, self.weights))
             raise InputError(f"weights must be {least:f} to {most:.0f}, got {given}")
         if not 0 <= self.grow <= 1:
             raise InputError(f"curriculum must lie in [0, 1], got {self.grow}")
