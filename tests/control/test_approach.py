@@ -90,7 +90,7 @@ def test_the_course_of_a_straight_chain_is_its_heading():
 
 @pytest.mark.parametrize("name", named.WRITTEN)
 def test_hand_written_controllers_are_found_by_name(name):
-    controller = named.controller(name)
+    controller = named.load(name)
     assert isinstance(controller, Controller) and controller.card.name == name
 
 
@@ -98,4 +98,4 @@ def test_a_name_that_is_none_lists_those_that_are():
     with pytest.raises(
         InputError, match=r"policy: gready \(a path, or one of .*greedy, approach, mpc"
     ):
-        named.controller("gready")
+        named.load("gready")
