@@ -238,7 +238,8 @@ def main() -> None:
         raise InputError("give a folder, and how many seeds: python -m studies.factors OUT 3")
     make_writable(Path(out))
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(out) / "cache"))
-    with get_context("spawn").Pool(jobs_that_fit()) as pool:
+    fresh = 4  # runs until a process starts anew: compiled programs stay in memory
+    with get_context("spawn").Pool(jobs_that_fit(), maxtasksperchild=fresh) as pool:
         study(Path(out), int(seeds[0]) if seeds else 3, pool.imap_unordered)
 
 
