@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# All work for a machine with an accelerator, in parts of under 10 minutes each, one at a time (three
-# trainings that shared an H200 took 2 to 25 times as long as alone):
+# All work for a machine with an accelerator, in parts of under 10 minutes each, one at a time
+# (iterations of three trainings that shared an H200 took ten times as long as alone):
 #   benchmarks/accelerator.sh speed | learning | train | study | budget
 # Needs JAX for the device; other packages that are missing come from wheels/, if that folder is
 # there (fill it beforehand with: pip download --no-deps --dest wheels tyro jaxtyping ...).

@@ -63,13 +63,15 @@ WAYS = {
 
 
 def train_all(out: Path, name: str) -> None:
-    """Trains all seeds of one way, or goes on training them."""
-    way = WAYS[name]
-    configs = [replace(way.config, seed=seed) for seed in way.seeds]
-    runs = [run_of(out, name, seed) for seed in way.seeds]
-    for config, run in zip(configs, runs, strict=True):
+    """Trains all seeds of one way that are not tested yet, or goes on training them."""
+    runs = {seed: run_of(out, name, seed) for seed in WAYS[name].seeds}
+    runs = {seed: run for seed, run in runs.items() if not (run / SUMMARY_FILE).exists()}
+    if not runs:
+        return
+    configs = [replace(WAYS[name].config, seed=seed) for seed in runs]
+    for config, run in zip(configs, runs.values(), strict=True):
         check_same(config, run)
-    train_together(configs, runs, devices=1)
+    train_together(configs, list(runs.values()), devices=1)
 
 
 def test_all(out: Path, name: str) -> None:

@@ -20,12 +20,12 @@ from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
 from salpchain.training.devices import use_devices
+from salpchain.training.presets import TIGHT
 from studies import add_part, claim, program
 
 TRIALS = {2: 50, 3: 50, 4: 32, 6: 32, 8: 32}  # of each length: planning takes its time
 SEED = 2001  # of the starts that judge, those of `studies.release`
 LIMIT = "fixed"  # the scaled one is the same at these lengths
-TIGHT = 0.02  # m, the goal in training (`presets.TIGHT`)
 NEAR = 0.35  # N, of the planner's first changes to what the policy would do (chosen)
 MEASURES = ["success", "closed_fraction", "steps_to_goal"]
 

@@ -60,7 +60,7 @@ class TaskConfig:
             )
         if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
             raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
-        if not (isinstance(self.most_steps, int) and self.most_steps >= 0):
+        if type(self.most_steps) is not int or self.most_steps < 0:
             raise InputError(
                 f"most_steps must be a whole number, 0 or more, got {self.most_steps!r}"
             )

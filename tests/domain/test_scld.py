@@ -148,6 +148,7 @@ def test_the_shortest_and_the_longest_chain_swim(length):
     {"length": 1}, {"length": 513}, {"observation": "sonar"},
     {"action": "push"}, {"time_limit": "never"}, {"fine_weight": -1.0},
     {"fine_weight": float("inf")}, {"fine_weight": float("nan")}, {"tolerance": 0.0},
+    {"most_steps": -1}, {"most_steps": True},
 ])  # fmt: skip
 def test_a_task_that_cannot_be_is_refused_with_one_line(settings):
     with pytest.raises(InputError) as error:
