@@ -45,7 +45,7 @@ class MPC(eqx.Module):
     observation: str = eqx.field(static=True, default="body")
     action: str = eqx.field(static=True, default="thrust")
     samples: int = eqx.field(static=True, default=256)  # plans in a round (chosen)
-    elites: int = eqx.field(static=True, default=16)
+    elites: int = eqx.field(static=True, default=4)  # of 4 and 16, the better one
     rounds: int = eqx.field(static=True, default=3)
     knots: int = eqx.field(static=True, default=11)
     every: int = eqx.field(static=True, default=6)  # control steps between knots
