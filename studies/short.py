@@ -26,7 +26,6 @@ from studies import add_part, claim, program
 TRIALS = {2: 50, 3: 50, 4: 32, 6: 32, 8: 32}  # of each length: planning takes its time
 SEED = 2001  # of the starts that judge, those of `studies.release`
 LIMIT = "fixed"  # the scaled one is the same at these lengths
-NEAR = 0.35  # N, of the planner's first changes to what the policy would do (chosen)
 MEASURES = ["success", "closed_fraction", "steps_to_goal"]
 
 
@@ -37,14 +36,8 @@ def who_plays(policy: Controller) -> dict[str, tuple[Controller, float]]:
         name: (policy, GOAL_LIMIT),
         f"{name}, goal of 2 cm": (policy, TIGHT),
         "mpc": (MPC(), GOAL_LIMIT),
-        f"mpc, from what {name} would do": (guided(policy), GOAL_LIMIT),
+        f"mpc, from what {name} would do": (MPC.guided(policy), GOAL_LIMIT),
     }
-
-
-def guided(policy: Controller) -> MPC:
-    """The planner that looks for something better near what the policy would do."""
-    speaks = {"observation": policy.card.observation, "action": policy.card.action}
-    return MPC(guide=policy, elites=1, noise=NEAR, **speaks)
 
 
 def play(policy: Controller, who: str, length: int) -> pd.DataFrame:

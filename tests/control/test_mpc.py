@@ -1,5 +1,7 @@
 """Planning on the engine: better than its first guess, better than greedy, with a memory."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -9,6 +11,7 @@ import pytest
 from salpchain.control.greedy import Greedy
 from salpchain.control.mpc import MPC
 from salpchain.control.policy import Planner, act, begin
+from salpchain.control.storage import load
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation.trials import run_trials
@@ -45,6 +48,22 @@ def test_a_guide_is_followed_where_no_better_plan_is_found(state):
     np.testing.assert_allclose(thrust, Greedy().act(state), atol=1e-6)
     after = jax.jit(ENV.step)(state, thrust)
     np.testing.assert_allclose(plan.thrusts[0], Greedy().act(after)[:, 0], atol=1e-5)
+
+
+def test_a_released_policy_can_guide_and_its_plan_is_never_worse_than_what_it_would_do():
+    guide = load("any-length")
+    planner = MPC.guided(guide)
+    task = guide.card.task(length=3)
+    assert planner.card.task(length=3) == task
+    state = jax.jit(SCLD(task).reset)(jr.key(4))
+    small = dataclasses.replace(planner, samples=16, rounds=1, knots=4, every=5)
+    cost = jax.jit(lambda s: small._cost(s, small._guided(guide, s)))
+    best = jax.jit(lambda s: small.plan(s, small.begin(s)))
+    thrust, plan = best(state)
+    assert thrust.shape == (3, 1)
+    # without its first step and with its last twice: what `plan` hands on
+    planned = jnp.concatenate([thrust.T, plan.thrusts[:-1]])
+    assert float(small._cost(state, planned)) <= float(cost(state)) + 1e-4
 
 
 def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
