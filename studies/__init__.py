@@ -36,22 +36,26 @@ def program(name: str, main: Callable[[], None], about: str | None) -> None:
         sys.exit(130)
 
 
-def claim(out: Path, policy: Policy, **settings: Any) -> None:
-    """The folder for results of this policy with these settings, which `about.json` keeps.
+def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) -> None:
+    """The folder for a study's results, of this policy if of one; `about.json` keeps all of it.
 
     Raises:
-        InputError: it holds results of another policy or with other settings.
+        InputError: it holds results of another study or policy, or with other settings.
         OSError: it cannot be made or written.
     """
-    weights = b"".join(np.asarray(x).tobytes() for x in jax.tree.leaves(policy.network))
-    mine = {"policy": policy.card.name, "weights": hashlib.sha256(weights).hexdigest(), **settings}
-    mine = json.loads(json.dumps(mine))
+    about = {"study": study}
+    if policy is not None:
+        weights = b"".join(np.asarray(x).tobytes() for x in jax.tree.leaves(policy.network))
+        about |= {"policy": policy.card.name, "weights": hashlib.sha256(weights).hexdigest()}
+    mine = json.loads(json.dumps(about | settings))
     make_writable(out)
     kept = read_json(out / ABOUT_FILE) if (out / ABOUT_FILE).exists() else {}
+    if not isinstance(kept, dict):
+        raise InputError(f"{out / ABOUT_FILE} is damaged: choose another folder")
     if not kept and not any(out.glob("*.csv")):
         write_json(out / ABOUT_FILE, mine)
     elif kept != mine:
-        odd = next((key for key in mine if kept.get(key) != mine[key]), "policy")
+        odd = next((key for key in mine if kept.get(key) != mine[key]), "study")
         raise InputError(
             f"{out} holds other results: {odd} is {kept.get(odd, 'unknown')} there, {mine[odd]} was"
             " given; choose another folder"
@@ -85,11 +89,23 @@ def train_or_go_on(config: TrainConfig, run: Path) -> None:
         train(config, run, devices=1)
 
 
+def run_of(out: Path, name: str, seed: int) -> Path:
+    """The run folder of one seed of what has this name."""
+    return out / name.replace(" ", "-") / f"seed-{seed}"
+
+
 def add_part(path: Path, part: dict[str, Any], play: Callable[[], pd.DataFrame]) -> None:
-    """The rows of this part, added to the CSV file unless they are there."""
-    known = pd.read_csv(path) if path.exists() else None
-    if known is not None and (known[list(part)] == pd.Series(part)).all(axis=1).any():
-        return
+    """The rows of this part, added to the CSV file unless they are there.
+
+    Raises:
+        InputError: the file holds something else.
+    """
+    try:
+        known = pd.read_csv(path) if path.exists() else None
+        if known is not None and (known[list(part)] == pd.Series(part)).all(axis=1).any():
+            return
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError, KeyError):
+        raise InputError(f"{path} is damaged: remove it, or choose another folder") from None
     print(", ".join(f"{key} {value}" for key, value in part.items()), flush=True)
     whole = pd.concat([frame for frame in (known, play()) if frame is not None])
     write_text(path, whole.to_csv(index=False))

@@ -22,7 +22,7 @@ from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
 from salpchain.training.devices import use_devices
 from salpchain.training.trainer import train_together
-from studies import check_same, program
+from studies import check_same, claim, program, run_of
 from studies.release import LENGTHS, any_length
 
 TRIALS = 200
@@ -83,11 +83,6 @@ def test_all(out: Path, name: str) -> None:
         write_report(out)
 
 
-def run_of(out: Path, name: str, seed: int) -> Path:
-    """The run folder of one seed of one way."""
-    return out / name.replace(" ", "-") / f"seed-{seed}"
-
-
 def write_report(out: Path) -> None:
     """One row for each way, seed and length; and a table of each measure."""
     rows = []
@@ -137,6 +132,7 @@ def main() -> None:
     if not out or not set(names) <= set(WAYS):
         raise InputError(f"give a folder, and ways if not all: {', '.join(WAYS)}")
     use_devices()
+    claim(Path(out), "budget", lengths=LENGTHS, trials=TRIALS, seed=SEED, time_limit=LIMIT)
     for name in names or WAYS:
         train_all(Path(out), name)
         test_all(Path(out), name)

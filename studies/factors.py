@@ -14,13 +14,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from scipy.stats import ttest_ind
+from scipy.stats import false_discovery_control, ttest_ind
 
 from salpchain.control.storage import load
 from salpchain.domain.config import GOAL_LIMIT
@@ -32,7 +32,7 @@ from salpchain.machine import jobs_that_fit
 from salpchain.report.figures import STYLE
 from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
-from studies import check_same, program, train_or_go_on
+from studies import check_same, claim, program, run_of, train_or_go_on
 
 STEPS = 1_500_000  # of every variant: half of what `--length 2..16` takes
 LENGTHS = (2, 4, 8, 16, 32, 64)
@@ -42,6 +42,7 @@ LIMIT = "scaled"
 GROUPS = ((2, 4, 8, 16), (32, 64))  # lengths that base was trained on, and beyond
 ALL = tuple(range(2, 17))  # units
 AGAINST = {"trained on 16, a log-std for each unit": "trained on 16"}  # else against base
+FALSE = 0.05  # rate of false discoveries among the differences that are told from chance
 COLOURED = 30  # points of gain or loss with the strongest colour
 
 
@@ -72,6 +73,7 @@ VARIANTS: dict[str, TrainConfig] = {
     "ratio of the chain": variant(ppo={"ratio": "chain"}),
     "credit to each unit": variant(ppo={"credit": "unit"}),
     "no folded starts": variant(task={"folded": 0.0, "stalled": 0.0}),
+    # as many folded starts, none of them on the target
     "no starts on the target": variant(task={"folded": 0.3, "stalled": 0.0}),
     "goal of 5 cm": variant(task={"tolerance": GOAL_LIMIT}),
     "no shaping": variant(task={"fine_weight": 0.0}),
@@ -94,10 +96,12 @@ def study(out: Path, seeds: int, each: Callable[..., Iterable[None]] = map) -> N
     `each`: `map`, or what does the same with several processes, in any order.
     """
     runs = [
-        (_run_of(out, name, seed), replace(config, seed=seed))
+        (run_of(out, name, seed), replace(config, seed=seed))
         for seed in range(seeds)
         for name, config in VARIANTS.items()
     ]
+    judge = {"lengths": LENGTHS, "trials": TRIALS, "seed": SEED, "time_limit": LIMIT}
+    claim(out, "factors", steps=STEPS, **judge)
     for run, config in runs:
         check_same(config, run)
     missing = [run for run in runs if not (run[0] / SUMMARY_FILE).exists()]
@@ -117,15 +121,11 @@ def run_one(what: tuple[Path, TrainConfig]) -> None:
         sys.exit(130)  # without a word: the process that started this one says it
 
 
-def _run_of(out: Path, name: str, seed: int) -> Path:
-    return out / name.replace(" ", "-") / f"seed-{seed}"
-
-
 def write_report(out: Path) -> None:
     """One row for each variant, seed and length; and a table of means over seeds."""
     rows = []
     for name in VARIANTS:
-        for path in sorted(_run_of(out, name, 0).parent.glob(f"seed-*/{SUMMARY_FILE}")):
+        for path in sorted(run_of(out, name, 0).parent.glob(f"seed-*/{SUMMARY_FILE}")):
             about = {"variant": name, "seed": path.parent.name}
             for row in read_json(path)["lengths"]:
                 means = {key: row[key]["mean"] for key in ("success", "closed_fraction")}
@@ -144,7 +144,7 @@ def as_markdown(table: pd.DataFrame) -> str:
             "# What makes a controller hold at any length",
             "",
             "`gcn` on `mixed` with `proximity`, trained on 2 to 16 units, one factor changed at a"
-            f" time: {steps}.",
+            f" time: {steps}. `no starts on the target` has as many folded starts all the same.",
             "",
             *_what_each_buys(table),
             "",
@@ -169,20 +169,30 @@ def _what_each_buys(table: pd.DataFrame) -> list[str]:
     """Points of success lost or won against `base`, averaged over short and over long lengths."""
     lines = [
         "Points of success more than `base`, or than the variant named [95 % interval of the"
-        f" difference of means over seeds, Welch's t]; among {len(VARIANTS) - 1} variants one may"
-        " seem to differ by chance:",
+        " difference of means over seeds, Welch's t]. Bold: told from chance with a false discovery"
+        f" rate of {100 * FALSE:.0f} % among all differences of this table (Benjamini and"
+        " Hochberg). The others may be chance, whatever their interval:",
         "",
         "| change | " + " | ".join(f"mean of {_listed(group)} units" for group in GROUPS) + " |",
         "| --- |" + " --- |" * len(GROUPS),
     ]
     kinds = [_over_lengths(table, group) for group in GROUPS]
     there = set(table.variant)
-    for name in VARIANTS:
-        other = AGAINST.get(name, "base")
-        if name == "base" or not {name, other} <= there:
-            continue
-        cells = [_gain(kind[name].to_numpy(), kind[other].to_numpy()) for kind in kinds]
+    pairs = [(name, AGAINST.get(name, "base")) for name in VARIANTS if name != "base"]
+    gains = {
+        (name, other): [_gain(kind[name].to_numpy(), kind[other].to_numpy()) for kind in kinds]
+        for name, other in pairs
+        if {name, other} <= there
+    }
+    tested = [gain.chance for row in gains.values() for gain in row if gain.chance is not None]
+    adjusted = false_discovery_control(tested) if tested else []
+    least = max((p for p, q in zip(tested, adjusted, strict=True) if q <= FALSE), default=-1.0)
+    for (name, other), row in gains.items():
         told = name if other == "base" else f"{name} (against {other})"
+        cells = [
+            f"**{gain.text}**" if gain.chance is not None and gain.chance <= least else gain.text
+            for gain in row
+        ]
         lines.append(f"| {told} | " + " | ".join(cells) + " |")
     return lines
 
@@ -197,15 +207,22 @@ def _listed(lengths: tuple[int, ...]) -> str:
     return f"{', '.join(map(str, lengths[:-1]))} and {lengths[-1]}"
 
 
-def _gain(own: np.ndarray, base: np.ndarray) -> str:
-    """Difference of the means; bold where the interval leaves out 0."""
+class Gain(NamedTuple):
+    """A difference of means over seeds."""
+
+    text: str  # with its interval
+    chance: float | None  # p of Welch's t; None where seeds are too few or do not differ
+
+
+def _gain(own: np.ndarray, base: np.ndarray) -> Gain:
     mean = f"{own.mean() - base.mean():+.1f}"
     if min(len(own), len(base)) < 2 or np.ptp(own) == np.ptp(base) == 0:
-        return mean
+        return Gain(mean, None)
     with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # all may be 100 %
-        interval = ttest_ind(own, base, equal_var=False).confidence_interval(0.95)
+        test = ttest_ind(own, base, equal_var=False)
+        interval = test.confidence_interval(0.95)
     text = f"{mean} [{interval.low:+.1f}, {interval.high:+.1f}]"
-    return text if interval.low <= 0 <= interval.high else f"**{text}**"
+    return Gain(text, float(test.pvalue))
 
 
 def as_picture(table: pd.DataFrame) -> bytes:

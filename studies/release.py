@@ -1,7 +1,8 @@
 """Makes the policies that come with the package: python -m studies.release NAME [RUNS]
 
 Trains (or goes on training) in RUNS/NAME, tests 200 episodes of each length with starts that no
-training and no choice has seen, and writes the policy and its model card to salpchain/policies/.
+training and no choice has seen, and writes the policy and its model card to salpchain/policies/,
+all measures of the test to studies/any-length/release/.
 """
 
 import dataclasses
@@ -25,6 +26,8 @@ from studies import program, train_or_go_on
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
 SEED = 2001  # of the starts that judge (chosen)
+LIMIT = "scaled"
+TESTS = Path(__file__).parent / "any-length" / "release"
 
 
 def any_length() -> TrainConfig:
@@ -45,7 +48,10 @@ def paper(model: str, length: int) -> Callable[[], TrainConfig]:
 RECIPES = {
     "any-length": (any_length, "one controller for every length, trained on 2 to 16 units"),
     **{
-        f"paper-{model}-{length}": (paper(model, length), f"{model} on mixed, {length} units alone")
+        f"paper-{model}-{length}": (
+            paper(model, length),
+            f"{model} on mixed, {length} units alone, with quick",
+        )
         for model, length in (("gcn", 8), ("gcn", 16), ("gt", 8), ("gt", 16))
     },
 }
@@ -63,9 +69,11 @@ def release(name: str, runs: Path) -> None:
     save_policy(policy, file, half=True)
     tested = run / "evaluation"
     if not (tested / SUMMARY_FILE).exists():
-        evaluate(load(file), LENGTHS, TRIALS, "scaled", SEED, tested, baseline=False)
+        evaluate(load(file), LENGTHS, TRIALS, LIMIT, SEED, tested, baseline=False)
     summary = read_json(tested / SUMMARY_FILE)
-    FOLDER.mkdir(exist_ok=True)
+    for folder in (FOLDER, TESTS):
+        folder.mkdir(exist_ok=True)
+    write_json(TESTS / f"{name}.json", summary)
     save_policy(policy, FOLDER / file.name, half=True)
     trained_for = read_json(run / run_folder.SUMMARY_FILE)
     write_json(FOLDER / f"{name}.json", _card(policy, about, trained_for, summary))
@@ -81,14 +89,17 @@ def _card(
         "steps": trained_for["steps"],
         "minutes": round(trained_for["seconds"] / 60, 1),
         "command": f"python -m studies.release {name}",
-        "limits": "simulated only; straight starts at rest and targets of the SCLD;"
-        " no sensor noise, no delay, no current",
+        "limits": "simulated only; measured from straight starts at rest, with exact sensors, no"
+        " delay and no current",
         "licence": "Apache-2.0",
         "trials": TRIALS,
+        "seed": SEED,
+        "time_limit": LIMIT,
         "measured": [
             {
                 "length": row["length"],
                 "success": row["success"]["mean"],
+                "interval": [row["success"]["low"], row["success"]["high"]],
                 "closed_fraction": row["closed_fraction"]["mean"],
                 "steps_to_goal": row["steps_to_goal"]["median"],
             }
@@ -99,8 +110,8 @@ def _card(
 
 def main() -> None:
     """Makes the policy that the command line names."""
-    if len(sys.argv) < 2 or sys.argv[1] not in RECIPES:
-        raise InputError(f"name a policy to make: {', '.join(RECIPES)}")
+    if len(sys.argv) not in (2, 3) or sys.argv[1] not in RECIPES:
+        raise InputError(f"name a policy to make, and a folder: {', '.join(RECIPES)}")
     release(sys.argv[1], Path(sys.argv[2] if len(sys.argv) > 2 else "runs/release"))
 
 

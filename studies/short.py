@@ -7,6 +7,7 @@ is there is kept, so a run that was stopped goes on.
 """
 
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -49,7 +50,10 @@ def play(policy: Controller, who: str, length: int) -> pd.DataFrame:
 
 def study(policy: Controller, out: Path) -> None:
     """All of it, part by part."""
-    claim(out, policy, trials=TRIALS, seed=SEED)
+    planner = asdict(MPC())
+    near = {name: getattr(MPC.guided(policy), name) for name in ("elites", "noise")}
+    judge = {"time_limit": LIMIT, "tolerances": [GOAL_LIMIT, TIGHT]}
+    claim(out, "short", policy, trials=TRIALS, seed=SEED, **judge, mpc=planner, guided=near)
     for who in who_plays(policy):
         for length in TRIALS:
             part = {"who": who, "length": length}

@@ -27,6 +27,7 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.chain import Physics, at_rest
+from salpchain.training.devices import use_devices
 from studies import add_part, claim, program
 
 LENGTHS = (4, 8, 16, 32)
@@ -114,7 +115,7 @@ def with_changes(policy: Policy, setting: str, length: int, trials: int) -> pd.D
 
 def study(policy: Policy, out: Path, trials: int = TRIALS) -> None:
     """All of it, part by part."""
-    claim(out, policy, trials=trials, seed=SEED)
+    claim(out, "transfer", policy, trials=trials, seed=SEED, time_limit=LIMIT)
     for setting in SETTINGS:
         for length in LENGTHS:
             part = {"setting": setting, "length": length}
@@ -149,6 +150,7 @@ def main() -> None:
     """Studies the policy that the command line names."""
     if len(sys.argv) != 3:
         raise InputError("give a policy and a folder: python -m studies.transfer any-length OUT")
+    use_devices()
     study(load(sys.argv[1]), Path(sys.argv[2]))
 
 

@@ -10,8 +10,8 @@ from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text
 from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
-from salpchain.evaluation.config import parse_lengths
-from salpchain.files import make_writable
+from salpchain.evaluation.config import SUMMARY_FILE, parse_lengths
+from salpchain.files import make_writable, read_json
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,8 @@ class Evaluate:
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     out: Folder = ""
-    """Folder for the two files. Default: evaluation in the run folder, else the working folder."""
+    """Folder for the two files, new or with results of this policy.
+    Default: evaluation in the run folder, else evaluation-NAME in the working folder."""
 
 
 def run(options: Evaluate) -> None:
@@ -55,6 +56,7 @@ def run(options: Evaluate) -> None:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
+    _check_whose(out, tested.card.name)
     from salpchain.cli.display import share_display
     from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
     from salpchain.training.devices import use_devices
@@ -72,4 +74,16 @@ def run(options: Evaluate) -> None:
 def default_out(policy: str) -> Path:
     """Where the files go when the user does not say."""
     path = Path(policy)
-    return path / "evaluation" if path.is_dir() and not is_name(policy) else Path()
+    if path.is_dir() and not is_name(policy):
+        return path / "evaluation"
+    return Path(f"evaluation-{path.stem}")
+
+
+def _check_whose(out: Path, policy: str) -> None:
+    """Nothing, unless the folder has results of another policy, which would be lost."""
+    if not (out / SUMMARY_FILE).exists():
+        return
+    kept = read_json(out / SUMMARY_FILE)
+    owner = kept.get("policy", "something else") if isinstance(kept, dict) else "something else"
+    if owner != policy:
+        raise InputError(f"{out} holds results of {owner}, not {policy}: choose another --out")

@@ -78,10 +78,16 @@ def _card(name: str) -> str:
     lengths = ", ".join(map(str, card["training_lengths"]))
     lines.append(f"trained on: {lengths} units, {card['steps']:,} steps, {card['minutes']} minutes")
     lines += [f"limits: {card['limits']}", f"licence: {card['licence']}"]
-    lines.append(f"measured: {card['trials']} episodes of each length, scaled time limit")
-    lines.append(f"{'units':>7} {'success %':>10} {'closed %':>9} {'steps to goal':>14}")
+    limit, seed = card["time_limit"], card["seed"]
+    lines.append(
+        f"measured: {card['trials']} episodes of each length, time limit {limit}, seed {seed}"
+    )
+    columns = f"{'success % [95 %]':>20} {'closed %':>9} {'steps to goal':>14}"
+    lines.append(f"{'units':>7} {columns}")
     for row in card["measured"]:
         success, closed = 100 * row["success"], 100 * row["closed_fraction"]
         steps = "-" if row["steps_to_goal"] is None else f"{row['steps_to_goal']:g}"
-        lines.append(f"{row['length']:>7} {success:>10.1f} {closed:>9.1f} {steps:>14}")
+        low, high = (100 * bound for bound in row["interval"])
+        share = f"{success:.1f} [{low:.0f}, {high:.0f}]"
+        lines.append(f"{row['length']:>7} {share:>20} {closed:>9.1f} {steps:>14}")
     return "\n".join(lines)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
+from salpchain.control.named import is_name
 from salpchain.errors import InputError
 from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
 from salpchain.training import presets, run_folder
@@ -183,10 +184,13 @@ def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
 
 def _report(summary: dict[str, Any], folder: Path) -> None:
     success = summary["success"]
-    rate = "no episode ended" if success is None else f"success {100 * success:.1f} %"
-    print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s: {rate} at the end")
+    rate = (
+        "no episode has ended" if success is None else f"success {100 * success:.1f} % at the end"
+    )
+    print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s: {rate}")
     _advise(folder)
 
 
 def _advise(folder: Path) -> None:
-    print(f"test it on other lengths with: salpchain evaluate {folder}")
+    policy = f"./{folder}" if is_name(str(folder)) else folder
+    print(f"test it on other lengths with: salpchain evaluate {policy}")

@@ -30,7 +30,11 @@ ARRIVED = 0.03  # m, nearer than this the chain turns to the target's orientatio
 DIRECT = 2.0  # 1/s, speed for each metre where the chain is bent
 STRAIGHT, BENT = 0.01, 0.06  # least share of thrust in a direction: none, and enough to go there
 WEAK = 0.005  # share of thrust below which a direction is not asked for
-BENDING = 0.5  # of half the chain's length: nearer than this it bends to the target's shape
+BENDING = 0.5  # of half the chain's length: nearer than this it bends to the target's shape,
+MARGIN = 0.1  # m, and this much farther out
+QUICKEST = 1.5  # top speeds at the chain's ends, in any turn on the way
+SHARP = 2.0  # 1/rad, how soon turning is at its full rate
+TINY = 1e-8  # m^2, keeps roots of 0 differentiable
 
 
 class Pose(NamedTuple):
@@ -81,12 +85,12 @@ def _speeds(
 ) -> Float[Array, " unit"]:
     """What every unit's speed along its heading (m/s) should be."""
     gap = target.centre - chain.centre
-    distance = jnp.sqrt(jnp.sum(gap**2) + 1e-8)
+    distance = jnp.sqrt(jnp.sum(gap**2) + TINY)
     reach = LINK * (number - 1) / 2 + LINK / 2
-    near = jnp.exp(-((distance / (BENDING * reach + 0.1)) ** 2))
+    near = jnp.exp(-((distance / (BENDING * reach + MARGIN)) ** 2))
     free = near * _freedom(ahead, number)
     speed, turning = _unicycle(chain.course, target.course, gap, distance, reach)
-    settled = TURN * TOP_SPEED / reach * jnp.tanh(2 * wrap(target.course - chain.course))
+    settled = _turning(target.course - chain.course, reach)
     straight_on = gap * jnp.minimum(DIRECT, TOP_SPEED / distance)
     course = jnp.stack([jnp.cos(chain.course), jnp.sin(chain.course)])
     drive = (1 - free) * speed * course + free * straight_on
@@ -121,12 +125,16 @@ def _unicycle(
     aside = wrap(bearing - wanted + flip)
     speed = jnp.minimum(APPROACH * distance, TOP_SPEED)
     steer = jnp.cos(off) * jnp.sinc(off / jnp.pi) * (off + CROOK * aside)
-    fastest = TOP_SPEED / reach
-    turning = TURN * fastest * jnp.tanh(2 * off) + speed / distance * steer
+    most = QUICKEST * TOP_SPEED / reach
+    turning = jnp.clip(_turning(off, reach) + speed / distance * steer, -most, most)
     there = jnp.exp(-((distance / ARRIVED) ** 2))
-    settled = TURN * fastest * jnp.tanh(2 * wrap(wanted - course))
-    turning = (1 - there) * jnp.clip(turning, -1.5 * fastest, 1.5 * fastest) + there * settled
+    turning = (1 - there) * turning + there * _turning(wanted - course, reach)
     return speed * jnp.cos(off) * jnp.where(backwards, -1.0, 1.0), turning
+
+
+def _turning(off: Array, reach: Array) -> Array:
+    """Rate of turn (rad/s) for a course that is off by this angle (rad)."""
+    return TURN * TOP_SPEED / reach * jnp.tanh(SHARP * wrap(off))
 
 
 def _bending(chain: Pose, target: Pose) -> Float[Array, "unit 2"]:
@@ -136,5 +144,5 @@ def _bending(chain: Pose, target: Pose) -> Float[Array, "unit 2"]:
     x, y = target.arms[:, 0], target.arms[:, 1]
     shape = jnp.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
     wanted = BEND * (shape - chain.arms)
-    size = jnp.sqrt(jnp.sum(wanted**2, axis=-1, keepdims=True) + 1e-9)
+    size = jnp.sqrt(jnp.sum(wanted**2, axis=-1, keepdims=True) + TINY)
     return wanted * jnp.minimum(1.0, TOP_SPEED / size)

@@ -48,7 +48,7 @@ class MPC(eqx.Module):
     observation: str = eqx.field(static=True, default="body")
     action: str = eqx.field(static=True, default="thrust")
     samples: int = eqx.field(static=True, default=256)  # plans in a round (chosen)
-    elites: int = eqx.field(static=True, default=4)  # of 4 and 16, better on the starts of `studies.short`
+    elites: int = eqx.field(static=True, default=4)  # better than 16 in `studies.short`
     rounds: int = eqx.field(static=True, default=3)
     knots: int = eqx.field(static=True, default=11)
     every: int = eqx.field(static=True, default=6)  # control steps between knots
@@ -68,8 +68,10 @@ class MPC(eqx.Module):
         Never seen slower than the guide, and the nearest to an oracle for short chains that there
         is here; it takes the single best plan of each round, and starts with smaller changes.
         """
-        speaks = {"observation": guide.card.observation, "action": guide.card.action}
-        return cls(guide=guide, elites=1, noise=NEAR, **speaks)
+        card = guide.card
+        return cls(
+            guide=guide, observation=card.observation, action=card.action, elites=1, noise=NEAR
+        )
 
     @property
     def horizon(self) -> int:

@@ -4,8 +4,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from salpchain.errors import InputError
 from salpchain.files import read_json
 
+PARTS = {
+    "about", "command", "training_lengths", "steps", "minutes", "licence", "limits",
+    "measured", "trials", "seed", "time_limit",
+}  # fmt: skip
 FOLDER = Path(str(files("salpchain"))) / "policies"
 
 
@@ -18,7 +23,15 @@ def model_card(name: str) -> dict[str, Any]:
     """What is told of a released policy: how it was trained, and what was measured with it.
 
     `about`, `command` (that made it), `training_lengths`, `steps` and `minutes` of training,
-    `licence`, `limits`, and `measured`: for each length the success and closed fraction (shares)
-    and the median of the steps to the goal over `trials` episodes.
+    `licence`, `limits`, and `measured`: for each length the success with its 95 % interval and the
+    closed fraction (shares), and the median of the steps to the goal, over `trials` episodes from
+    the starts of `seed` under this `time_limit`.
+
+    Raises:
+        InputError: the card is damaged.
     """
-    return read_json(FOLDER / f"{name}.json")
+    path = FOLDER / f"{name}.json"
+    card = read_json(path)
+    if not isinstance(card, dict) or not card.keys() >= PARTS:
+        raise InputError(f"{path} is damaged: install salpchain again")
+    return card

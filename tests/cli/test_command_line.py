@@ -12,7 +12,7 @@ import pytest
 
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
-from salpchain.cli.train import Train, settings
+from salpchain.cli.train import Train, _report, settings
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
@@ -270,15 +270,37 @@ def test_results_of_a_name_leave_a_folder_that_is_called_so_alone(tmp_path, monk
     monkeypatch.chdir(tmp_path)
     for folder in ("any-length", "greedy", "eight"):
         Path(folder).mkdir()
-    assert default_out("any-length") == default_out("greedy") == Path()
+    for name in ("any-length", "greedy"):
+        assert default_out(name) == default_out(f"{name}.safetensors") == Path(f"evaluation-{name}")
     for folder in ("./any-length", "greedy/", "eight"):
         assert default_out(folder) == Path(folder) / "evaluation"
+
+
+def test_results_of_another_policy_are_not_lost(tmp_path, capsys):
+    words = ["evaluate", "--lengths", "2", "--trials", "1", "--out", str(tmp_path)]
+    assert run([*words, "greedy"]) == 0
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert run([*words, "approach"]) == 2
+    assert "holds results of greedy, not approach: choose another --out" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+    assert run([*words, "greedy", "--seed", "1"]) == 0
+    (tmp_path / "evaluation.json").write_text("[1]")
+    assert run([*words, "greedy"]) == 2
+
+
+def test_what_to_do_next_names_the_run_and_not_a_policy_that_is_called_so(capsys):
+    for folder, typed in (("runs/eight", "runs/eight"), ("any-length", "./any-length")):
+        _report({"success": None, "steps": 8192, "seconds": 3.0}, Path(folder))
+        assert capsys.readouterr().out == (
+            "trained 8,192 steps in 3 s: no episode has ended\n"
+            f"test it on other lengths with: salpchain evaluate {typed}\n"
+        )
 
 
 def test_ctrl_c_in_an_evaluation_is_one_line_and_writes_nothing(tmp_path):
     words = ["evaluate", "greedy", "--lengths", "4:64:4", "--out", str(tmp_path / "out")]
     process = subprocess.Popen(
-        [sys.executable, "-m", "salpchain.cli.main", *words],
+        [sys.executable, "-m", "salpchain", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline().startswith("testing")

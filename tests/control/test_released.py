@@ -16,7 +16,9 @@ from salpchain.errors import InputError
 CARD = {
     "about": "a small one", "command": "python -m studies.release tiny", "limits": "all",
     "licence": "Apache-2.0", "trials": 200, "training_lengths": [8], "steps": 1000, "minutes": 0.1,
-    "measured": [{"length": 8, "success": 0.985, "closed_fraction": 0.97, "steps_to_goal": 93.5}],
+    "seed": 2001, "time_limit": "scaled",
+    "measured": [{"length": 8, "success": 0.985, "interval": [0.95, 0.99],
+                  "closed_fraction": 0.97, "steps_to_goal": 93.5}],
 }  # fmt: skip
 
 
@@ -39,18 +41,22 @@ def test_a_released_policy_is_loaded_by_its_name(tiny, tmp_path, monkeypatch):
         load("tinny")
 
 
-def test_models_lists_it_and_shows_its_card(tiny, capsys):
+def test_models_lists_it_and_shows_its_card(tiny, tmp_path, capsys):
     assert run(["models"]) == 0
     assert "tiny           a small one" in capsys.readouterr().out
     assert run(["models", "tiny"]) == 0
     page = capsys.readouterr().out
     assert (
         "made by: python -m studies.release tiny" in page
-        and "98.5      97.0           93.5" in page
+        and "98.5 [95, 99]      97.0           93.5" in page
     )
     assert "trained on: 8 units, 1,000 steps, 0.1 minutes" in page
     assert run(["models", "tinny"]) == 2
     assert "choose one of tiny" in capsys.readouterr().err
+    for content in ("[1]", "{}", json.dumps({**CARD, "trials": None}).replace("trials", "tries")):
+        (tmp_path / "tiny.json").write_text(content)
+        assert run(["models", "tiny"]) == 2
+        assert "tiny.json is damaged" in capsys.readouterr().err
 
 
 def test_the_package_s_own_are_small_whole_and_have_cards():

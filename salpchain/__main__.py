@@ -1,0 +1,5 @@
+"""`python -m salpchain` is the command line."""
+
+from salpchain.cli.main import main
+
+main()
