@@ -39,7 +39,7 @@ class Evaluate:
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     out: Folder = ""
-    """Folder for the two files, new or with results of this policy.
+    """Folder for the two files; results in it of a policy of another name are kept.
     Default: evaluation in the run folder, else evaluation-NAME in the working folder."""
 
 
@@ -73,14 +73,17 @@ def run(options: Evaluate) -> None:
 
 def default_out(policy: str) -> Path:
     """Where the files go when the user does not say."""
+    from salpchain.control.storage import POLICY_FILE
+
     path = Path(policy)
-    if path.is_dir() and not is_name(policy):
-        return path / "evaluation"
-    return Path(f"evaluation-{path.stem}")
+    if is_name(policy):
+        return Path(f"evaluation-{policy}")
+    run = path if path.is_dir() else path.parent if path.name == POLICY_FILE else None
+    return run / "evaluation" if run is not None else Path(f"evaluation-{path.stem}")
 
 
 def _check_whose(out: Path, policy: str) -> None:
-    """Nothing, unless the folder has results of another policy, which would be lost."""
+    """Nothing, unless the folder has results of a policy of another name: they would be lost."""
     if not (out / SUMMARY_FILE).exists():
         return
     kept = read_json(out / SUMMARY_FILE)

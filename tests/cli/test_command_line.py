@@ -273,7 +273,8 @@ def test_results_of_a_name_leave_a_folder_that_is_called_so_alone(tmp_path, monk
     for name in ("any-length", "greedy"):
         assert default_out(name) == default_out(f"{name}.safetensors") == Path(f"evaluation-{name}")
     for folder in ("./any-length", "greedy/", "eight"):
-        assert default_out(folder) == Path(folder) / "evaluation"
+        for policy in (folder, str(Path(folder) / "policy.safetensors")):
+            assert default_out(policy) == Path(folder) / "evaluation"
 
 
 def test_results_of_another_policy_are_not_lost(tmp_path, capsys):
