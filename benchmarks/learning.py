@@ -22,11 +22,11 @@ from benchmarks.run import RESULTS, machine
 from salpchain.control.actor_critic import GraphActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.layers import Head, Linear, head
+from salpchain.devices import largest_divisor, mesh_of, use_devices
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.domain.scld import SCLD
 from salpchain.files import write_json
 from salpchain.training.config import TrainConfig
-from salpchain.training.devices import largest_divisor, mesh_of, use_devices
 from salpchain.training.learner import compile_iterate, new_learner, place
 from salpchain.training.presets import choose
 from salpchain.xla import flat_products

@@ -16,10 +16,10 @@ from typing import Any
 
 import jax
 
+from salpchain.devices import device_name, use_devices
 from salpchain.evaluation.speed import Speed, best, measure, ratio
 from salpchain.files import write_json
 from salpchain.machine import cores, processor
-from salpchain.training.devices import device_name, use_devices
 
 RESULTS = Path(__file__).parent / "results"
 LENGTHS = (8, 16, 32, 64, 128)

@@ -15,9 +15,9 @@ from typing import Any
 
 from benchmarks.run import RESULTS, machine
 from salpchain.control.storage import load
+from salpchain.devices import use_devices
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json
-from salpchain.training.devices import use_devices
 
 TEST_SEED = 1000  # of the starts that judge; training draws from another stream
 FRESH_EPISODES = 200

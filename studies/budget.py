@@ -14,13 +14,13 @@ from pathlib import Path
 import pandas as pd
 
 from salpchain.control.storage import load
+from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json, write_text
 from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
-from salpchain.training.devices import use_devices
 from salpchain.training.trainer import train_together
 from studies import check_same, claim, program, run_of
 from studies.release import LENGTHS, any_length

@@ -14,13 +14,13 @@ from typing import Any
 from salpchain.control.policy import Policy
 from salpchain.control.released import FOLDER
 from salpchain.control.storage import load, save_policy
+from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
-from salpchain.training.devices import use_devices
 from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)

@@ -16,11 +16,11 @@ import pandas as pd
 from salpchain.control.mpc import MPC
 from salpchain.control.policy import Controller
 from salpchain.control.storage import load
+from salpchain.devices import use_devices
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
-from salpchain.training.devices import use_devices
 from salpchain.training.presets import TIGHT
 from studies import add_part, claim, program
 

@@ -18,6 +18,7 @@ import torch
 
 from salpchain.control.policy import Policy
 from salpchain.control.storage import load
+from salpchain.devices import use_devices
 from salpchain.domain.config import TaskConfig, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
@@ -27,7 +28,6 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.chain import Physics, at_rest
-from salpchain.training.devices import use_devices
 from studies import add_part, claim, program
 
 LENGTHS = (4, 8, 16, 32)

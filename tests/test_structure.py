@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "salpchain"
-ROOMS = ["physics", "domain", "control", "training", "evaluation", "report", "interop", "web"]
+ROOMS = ["physics", "domain", "control", "evaluation", "training", "report", "interop", "web"]
 ROOMS += ["cluster", "cli"]
-GROUND = {"errors", "files", "machine", "trees", "xla"}  # files at the bottom, importable by all
+GROUND = {"devices", "errors", "files", "machine", "trees", "xla"}  # files at the bottom, importable by all
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
 OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}

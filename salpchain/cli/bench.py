@@ -25,8 +25,8 @@ class Bench:
 def run(options: Bench) -> None:
     """Prints a line for each measurement."""
     lengths, envs = parse_lengths(options.lengths), positive("envs", options.envs)
+    from salpchain.devices import device_name, largest_divisor, use_devices
     from salpchain.evaluation.speed import PARTS, measure
-    from salpchain.training.devices import device_name, largest_divisor, use_devices
 
     devices = largest_divisor(envs, use_devices())
     print(f"{device_name()}, {devices} device(s), {envs} chains at once")

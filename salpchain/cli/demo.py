@@ -60,8 +60,8 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
 
     from salpchain.cli.display import share_display
     from salpchain.control.storage import load
+    from salpchain.devices import use_devices
     from salpchain.evaluation.evaluate import evaluate, table
-    from salpchain.training.devices import use_devices
 
     use_devices()
     policy = load(folder / "run")

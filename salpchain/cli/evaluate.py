@@ -58,8 +58,8 @@ def run(options: Evaluate) -> None:
     make_writable(out)
     _check_whose(out, tested.card.name)
     from salpchain.cli.display import share_display
+    from salpchain.devices import use_devices
     from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
-    from salpchain.training.devices import use_devices
 
     use_devices()
     with share_display("testing") as watch:

@@ -46,8 +46,8 @@ def trajectories(
         if source in files:
             swims.append((source, files[source]))
             continue
+        from salpchain.devices import use_devices
         from salpchain.evaluation.recording import record
-        from salpchain.training.devices import use_devices
 
         use_devices()
         made = record(controllers[source], wanted, time_limit, start, which)

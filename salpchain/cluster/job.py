@@ -17,9 +17,9 @@ from salpchain.cluster.results import baseline_untested, is_trained, run_of, unt
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Controller
 from salpchain.control.storage import load
+from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate_limits
-from salpchain.training.devices import use_devices
 from salpchain.training.journal import NotFiniteError, Progress
 from salpchain.training.trainer import train_together
 

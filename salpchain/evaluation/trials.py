@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller, Planner, act, begin
+from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.domain.config import GOAL_LIMIT, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
@@ -23,7 +24,6 @@ from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Physics
-from salpchain.training.devices import AXIS, largest_divisor, mesh_of
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)

@@ -14,10 +14,10 @@ from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.control.actor_critic import ActorCritic, actor_critic
+from salpchain.devices import AXIS
 from salpchain.domain.scld import SCLD, State
 from salpchain.training.config import TrainConfig
 from salpchain.training.course import Course, advance, draw_length, new_course
-from salpchain.training.devices import AXIS
 from salpchain.training.ppo import Losses, improve, lessons, optimiser
 from salpchain.training.rollout import Outcome, Sample, collect, values
 

@@ -10,9 +10,9 @@ import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
 from salpchain.control.actor_critic import ActorCritic
+from salpchain.devices import AXIS, largest_divisor
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
-from salpchain.training.devices import AXIS, largest_divisor
 from salpchain.training.rollout import Outcome, Sample, log_probs
 from salpchain.xla import flat_products
 

@@ -13,12 +13,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.domain.scld import SCLD
 from salpchain.files import alone
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
-from salpchain.training.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.training.journal import Journal, Progress
 from salpchain.training.learner import Learner, compile_iterate, new_learner, place
 

@@ -124,7 +124,7 @@ class Live:
     def _make_engine(self) -> "Engine":
         from pathlib import Path
 
-        from salpchain.training.devices import use_devices
+        from salpchain.devices import use_devices
         from salpchain.web.engine import Engine
         from salpchain.web.fleet import Fleet
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from salpchain.control.storage import load
+from salpchain.devices import largest_divisor
 from salpchain.training import trainer
 from salpchain.training.checkpoint import CHECKPOINT_FILE
-from salpchain.training.devices import largest_divisor
 from salpchain.training.journal import NotFiniteError
 from salpchain.training.trainer import train, train_together
 from tests.training.small import small
