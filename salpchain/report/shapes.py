@@ -9,6 +9,8 @@ UNIT = (0.04, 0.05)  # m, along the chain and across it
 CORNER = 0.016  # m, radius of a unit's corners (chosen)
 LINK_WIDTH = 0.012  # m (chosen)
 JET = 0.075  # m, length of the jet of 1 N (chosen)
+FAINTEST = 0.005  # N, a thrust below which nothing is drawn (chosen; pages tell 0.01 N apart)
+SHORTEST_JET = 0.25  # of a whole jet, so that every thrust that is drawn is seen (chosen)
 DETAIL = 5  # points in a quarter of a circle (chosen)
 REACHED = 0.0513  # m, how near each unit must be: the goal's distance
 
@@ -39,19 +41,31 @@ def jet_outlines(
     thrust: Float[np.ndarray, " unit"],
     width: float = 1.0,
 ) -> Outlines:
-    """Drops (m) that leave each unit opposite to its push, as long as the thrust is strong.
+    """Drops (m) that leave each unit opposite to its push; none where the thrust is zero.
 
-    A positive thrust pushes along the heading, so its water leaves at the other side.
+    A positive thrust pushes along the heading, so its water leaves at the other side. Lengths are
+    those of `jet_size`.
     """
+    size = jet_size(thrust)
     away = np.linspace(0, 1, 2 * DETAIL)
     girth = 0.014 * width * np.sqrt(1 - away) * (0.55 + 1.2 * away)
     right, left = np.stack([girth, -away], 1), np.stack([-girth, -away], 1)[::-1]
     drop = (
         np.concatenate([right, left])[None]
-        * np.stack([0.35 + 0.65 * np.abs(thrust), JET * thrust], axis=1)[:, None]
+        * np.stack([(0.35 + 0.65 * size) * (size > 0), JET * size * np.sign(thrust)], 1)[:, None]
     )
     rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (UNIT[1] / 2 - 0.003))[:, None]
     return _placed(drop + rim[:, None], position, angle)
+
+
+def jet_size(thrust: Float[np.ndarray, " unit"]) -> Float[np.ndarray, " unit"]:
+    """Length of each jet as a fraction of that of 1 N: the square root of the thrust (N).
+
+    Near the target thrusts are small and count the most; on a linear scale they would not be
+    seen. Zero stays zero. The pages draw jets by the same rule.
+    """
+    strength = np.abs(thrust)
+    return np.where(strength < FAINTEST, 0.0, np.maximum(np.sqrt(strength), SHORTEST_JET))
 
 
 def _placed(shape: np.ndarray, position: Points, angle: Float[np.ndarray, " unit"]) -> Outlines:

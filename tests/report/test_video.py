@@ -9,7 +9,13 @@ from PIL import Image
 
 from salpchain.errors import InputError
 from salpchain.report.scene import Box, Scene
-from salpchain.report.shapes import jet_outlines, place_colours, round_length, unit_outlines
+from salpchain.report.shapes import (
+    jet_outlines,
+    jet_size,
+    place_colours,
+    round_length,
+    unit_outlines,
+)
 from salpchain.report.video import (
     COLOURS,
     DEFAULTS,
@@ -107,8 +113,19 @@ def test_jets_leave_opposite_to_the_push_and_grow_with_the_thrust():
     position, angle = np.zeros((3, 2)), np.array([0.0, 0.0, np.pi / 2])
     jets = jet_outlines(position, angle, np.array([1.0, -0.5, 1.0]))
     assert jets[0, :, 1].min() < -0.09 and jets[0, :, 1].max() < 0
-    assert 0.05 < jets[1, :, 1].max() < 0.07 and jets[1, :, 1].min() > 0
+    assert 0.06 < jets[1, :, 1].max() < 0.09 and jets[1, :, 1].min() > 0
     assert jets[2, :, 0].max() > 0.09 and jets[2, :, 0].min() > 0
+
+
+def test_a_small_thrust_has_a_jet_that_is_seen_and_no_thrust_has_none():
+    thrust = np.array([0.0, 0.001, 0.01, -0.1, 0.5, 1.0])
+    jets = jet_outlines(np.zeros((6, 2)), np.zeros(6), thrust)
+    tall, wide = np.ptp(jets[..., 1], axis=1), np.ptp(jets[..., 0], axis=1)
+    assert (tall[:2] == 0).all() and (wide[:2] == 0).all()
+    assert tall[2] > 0.015 and (np.diff(tall[2:]) > 0).all()
+    # four times the thrust, twice the jet
+    (quarter,), (whole,) = jet_size(np.array([0.25])), jet_size(np.array([1.0]))
+    assert whole == 1 and quarter == 0.5
 
 
 def test_units_are_drawn_in_their_true_size_and_turned_with_their_angle():

@@ -2,6 +2,7 @@
 "use strict";
 const Salp = (() => {
   const UNIT = [0.04, 0.05], CORNER = 0.016, LINK = 0.07, REACHED = 0.0513, JET = 0.075;
+  const FAINTEST = 0.005, SHORTEST_JET = 0.25; // N; of a whole jet (as in report/shapes.py)
   const PLACES = ["#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f"];
   const THEMES = {
     dark: {
@@ -162,10 +163,17 @@ const Salp = (() => {
     }
   }
 
+  // How long a jet is, of that of 1 N: the root of the thrust, so that small ones near the target
+  // are seen; zero stays zero.
+  function jetSize(thrust) {
+    const strength = Math.abs(thrust);
+    return strength < FAINTEST ? 0 : Math.max(Math.sqrt(strength), SHORTEST_JET);
+  }
+
   // A jet leaves opposite to the push; it flickers a little while time goes on.
   function jet(ctx, camera, unit, seconds) {
-    const size = Math.abs(unit.thrust), s = camera.scale, look = theme();
-    if (size < 0.02) return;
+    const size = jetSize(unit.thrust), s = camera.scale, look = theme();
+    if (!size) return;
     const flicker = still.matches ? 1 : 1 + 0.12 * Math.sin(31 * seconds + 9 * unit.place * 40);
     const [px, py] = camera.toScreen(unit.x, unit.y), side = Math.sign(unit.thrust);
     const rim = (UNIT[1] / 2 - 0.003) * s, reach = JET * size * flicker * s;
@@ -305,7 +313,7 @@ const Salp = (() => {
   }
 
   return {
-    LINK, REACHED, Camera, between, betweenAngles, chain, dark, ghosts, placeColour, pointers, resize,
+    LINK, REACHED, Camera, between, betweenAngles, chain, dark, ghosts, jetSize, placeColour, pointers, resize,
     scaleBar, still, strings, theme, trail, water, trace, stroke,
   };
 })();
