@@ -38,6 +38,9 @@ class Live:
     """Address to listen on; 0.0.0.0 lets other machines in, without any password."""
     runs: Folder = "runs"
     """Folder whose runs the page offers; it may be missing."""
+    allow_origin: Annotated[str, text_option("ORIGIN[,ORIGIN...]")] = ""
+    """Where a reverse proxy shows the page, such as https://lab.example.org (no path).
+    Default: only the address that the terminal shows may connect."""
     seed: Whole = "0"
     """Of the random targets."""
 
@@ -47,6 +50,7 @@ def run(options: Live) -> None:
     port, seed = number("port", options.port), check_seed(number("seed", options.seed))
     if not 0 <= port < 65536:
         raise InputError(f"--port must be 0 to 65535, got {port}")
+    origins = _origins(options.allow_origin)
     _check_policy(options.policy)
     try:
         from salpchain.web import server
@@ -57,8 +61,16 @@ def run(options: Live) -> None:
     bound = server.listen(options.host, port)
     with bound:
         _say_where(options.host, bound.getsockname()[1])
+        for origin in sorted(origins):
+            print(f"  a proxy may show it under {origin}", flush=True)
         live = server.Live(options.policy, options.runs, seed)
-        server.serve(live, frozenset(_names(options.host)), bound)
+        server.serve(live, frozenset(_names(options.host)), origins, bound)
+
+
+def _origins(text: str) -> frozenset[str]:
+    from salpchain.web.guard import checked_origin
+
+    return frozenset(checked_origin(part.strip()) for part in text.split(",") if text)
 
 
 def _check_policy(policy: str) -> None:

@@ -91,13 +91,15 @@ class Live:
         self.failure: Exception | None = None
         self.when_failed = lambda: None
 
-    def app(self, names: frozenset[str] = frozenset()) -> Guard:
-        """The ASGI application behind its guard."""
+    def app(
+        self, names: frozenset[str] = frozenset(), origins: frozenset[str] = frozenset()
+    ) -> Guard:
+        """The ASGI application behind its guard; see `Guard` for the arguments."""
         pages = [Route(path, _file, methods=["GET"]) for path in PAGE]
         routes = [*pages, WebSocketRoute("/swim", self._meet)]
         site = Starlette(routes=routes, lifespan=self._lifespan)
         site.router.redirect_slashes = False
-        return Guard(site, names)
+        return Guard(site, names, origins)
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _: Starlette) -> AsyncIterator[None]:
@@ -248,14 +250,14 @@ def _next_free(host: str, first: int) -> int | None:
     return None
 
 
-def serve(live: Live, names: frozenset[str], bound: socket.socket) -> None:
+def serve(live: Live, names: frozenset[str], origins: frozenset[str], bound: socket.socket) -> None:
     """Serves until interrupted.
 
     Raises:
         Exception: what made the engine fail, if it did.
     """
     config = uvicorn.Config(
-        live.app(names),
+        live.app(names, origins),
         log_level="warning",
         ws_max_size=LARGEST_FRAME,
         ws_max_queue=8,

@@ -27,11 +27,14 @@ from salpchain.web.fleet import Fleet
 
 
 @contextmanager
-def served(live):
+def served(live, **allowed):
     """An application on a free port of the loopback, in a thread; gives the port."""
     bound = server.listen("127.0.0.1", 0)
     config = uvicorn.Config(
-        live.app(), log_level="error", ws_max_size=guard.LARGEST_FRAME, timeout_graceful_shutdown=1
+        live.app(**allowed),
+        log_level="error",
+        ws_max_size=guard.LARGEST_FRAME,
+        timeout_graceful_shutdown=1,
     )
     running = uvicorn.Server(config)
     thread = threading.Thread(target=running.run, kwargs={"sockets": [bound]})

@@ -19,7 +19,7 @@
   function connect() {
     clearTimeout(waiting);
     banner(tries ? "Trying to reach the server again ..." : "Connecting ...", tries > 0);
-    socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/swim`);
+    socket = new WebSocket(new URL("swim", location.href).href.replace(/^http/, "ws"));
     socket.onopen = () => { live.connected = true; banner("The water is being let in ..."); };
     socket.onmessage = (event) => HEAR[JSON.parse(event.data).type]?.(JSON.parse(event.data));
     socket.onclose = (event) => {
