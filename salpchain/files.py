@@ -22,20 +22,21 @@ except ImportError:  # Windows
     fcntl = None
 
 Arrays = dict[str, np.ndarray]
+StrPath = str | os.PathLike[str]  # what every function takes that takes a path
 
 LOCK_FILE = ".lock"
 LOOK_EVERY = 0.5  # s between two looks at a lock that another process has (chosen)
 _HEADER = "salpchain"
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: StrPath, content: bytes) -> None:
     """The file with this content, or, if that fails, as it was before.
 
     Raises:
         OSError: the folder is missing or not writable, or the disk is full.
     """
     try:
-        _write_beside(path, content)
+        _write_beside(Path(path), content)
     except OSError as error:  # about the file that was asked for, not the one beside it
         raise OSError(error.errno, error.strerror, str(path)) from None
 
@@ -55,13 +56,13 @@ def _write_beside(path: Path, content: bytes) -> None:
         raise
 
 
-def make_writable(folder: Path) -> None:
+def make_writable(folder: StrPath) -> None:
     """The folder, made if it is missing, after a file was written there and taken away.
 
     Raises:
         OSError: it cannot be made, or written to.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    Path(folder).mkdir(parents=True, exist_ok=True)
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
@@ -69,7 +70,7 @@ def make_writable(folder: Path) -> None:
 
 
 @contextmanager
-def alone(folder: Path, patience: float = 0.0) -> Iterator[None]:
+def alone(folder: StrPath, patience: float = 0.0) -> Iterator[None]:
     """Keeps other processes that ask for the same out of a folder, until the end of the block.
 
     A process that dies lets go of it; another waits for it up to `patience` seconds. Where the
@@ -81,7 +82,7 @@ def alone(folder: Path, patience: float = 0.0) -> Iterator[None]:
     if fcntl is None:
         yield
         return
-    with (folder / LOCK_FILE).open("w") as file:
+    with (Path(folder) / LOCK_FILE).open("w") as file:
         until = time.monotonic() + patience
         while not _locked(file):
             if time.monotonic() >= until:
@@ -100,24 +101,24 @@ def _locked(file: IO[str]) -> bool:
     return True
 
 
-def write_text(path: Path, content: str) -> None:
+def write_text(path: StrPath, content: str) -> None:
     """`write_bytes` of UTF-8 text."""
     write_bytes(path, content.encode())
 
 
-def write_json(path: Path, content: Any) -> None:
+def write_json(path: StrPath, content: Any) -> None:
     """`write_text` of indented JSON; NaN is refused."""
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
-def read_json(path: Path) -> Any:
+def read_json(path: StrPath) -> Any:
     """The content of a JSON file.
 
     Raises:
         InputError: there is no such file, or it is not JSON.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"no such file: {path}") from None
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -125,7 +126,7 @@ def read_json(path: Path) -> Any:
 
 
 def write_arrays(
-    path: Path, kind: str, version: int, header: Mapping[str, Any], arrays: Arrays
+    path: StrPath, kind: str, version: int, header: Mapping[str, Any], arrays: Arrays
 ) -> None:
     """Named arrays with a JSON header and a checksum, as one safetensors file."""
     about = {"kind": kind, "version": version, "header": header}
@@ -133,7 +134,7 @@ def write_arrays(
     write_bytes(path, save(arrays, metadata={_HEADER: json.dumps(about)}))
 
 
-def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
+def read_arrays(path: StrPath, kind: str, version: int) -> tuple[dict[str, Any], Arrays]:
     """Header and arrays of a file of this kind, written by this version or an older one.
 
     The file is data: reading it runs no code.
@@ -142,7 +143,7 @@ def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Ar
         InputError: no such file; not such a file; cut short; altered; or from a newer version.
     """
     try:
-        content = path.read_bytes()
+        content = Path(path).read_bytes()
     except FileNotFoundError:
         raise InputError(f"no such file: {path}") from None
     except IsADirectoryError:
@@ -162,7 +163,7 @@ def read_arrays(path: Path, kind: str, version: int) -> tuple[dict[str, Any], Ar
     return about["header"], arrays
 
 
-def _about(path: Path, kind: str, content: bytes) -> dict[str, Any]:
+def _about(path: StrPath, kind: str, content: bytes) -> dict[str, Any]:
     """Our header out of the safetensors header: 8 bytes of length, then JSON."""
     try:
         size = int.from_bytes(content[:8], "little")

@@ -13,7 +13,7 @@ from typing import Any
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import TIME_LIMITS, check_length, one_of
 from salpchain.errors import InputError
-from salpchain.files import LOCK_FILE, read_json, write_json
+from salpchain.files import LOCK_FILE, StrPath, read_json, write_json
 from salpchain.training.config import TrainConfig
 from salpchain.training.presets import PRESETS, choose
 
@@ -129,7 +129,7 @@ def _check_once(what: str, given: Sequence[Any]) -> None:
             raise InputError(f"{what} {value} is in the grid twice")
 
 
-def check_folder(folder: Path, grid: Grid) -> None:
+def check_folder(folder: StrPath, grid: Grid) -> None:
     """That this grid may be done in the folder: new, empty, or one in which it was begun.
 
     More seeds than were begun with are the same grid, grown.
@@ -137,6 +137,7 @@ def check_folder(folder: Path, grid: Grid) -> None:
     Raises:
         InputError: the folder holds another grid, or something else.
     """
+    folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: a study needs a folder")
     if (folder / GRID_FILE).exists():
@@ -150,24 +151,26 @@ def _is_ours(path: Path) -> bool:
     return path.name == LOCK_FILE or path.name.startswith(f".{GRID_FILE}")
 
 
-def claim(folder: Path, grid: Grid) -> None:
+def claim(folder: StrPath, grid: Grid) -> None:
     """Makes the folder that of this grid.
 
     Raises:
         InputError: as `check_folder`.
     """
     check_folder(folder, grid)
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / GRID_FILE).exists() or read_grid(folder) != grid:
         write_json(folder / GRID_FILE, {"format": FORMAT, "grid": dataclasses.asdict(grid)})
 
 
-def read_grid(folder: Path) -> Grid:
+def read_grid(folder: StrPath) -> Grid:
     """The grid of a study.
 
     Raises:
         InputError: the folder is none, or its grid is not understood.
     """
+    folder = Path(folder)
     if not (folder / GRID_FILE).is_file():
         raise InputError(f"{folder} is not the folder of a study: it has no {GRID_FILE}")
     content = read_json(folder / GRID_FILE)

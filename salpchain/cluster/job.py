@@ -20,6 +20,7 @@ from salpchain.control.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate_limits
+from salpchain.files import StrPath
 from salpchain.training.journal import NotFiniteError, Progress
 from salpchain.training.trainer import train_together
 
@@ -28,7 +29,7 @@ PATIENCE = 300.0  # s for a process whose parent died to save and let go of its 
 Lengths = tuple[int, ...]
 
 
-def do_jobs(folder: Path, grid: Grid, jobs: Sequence[Job], devices: int | None = None) -> None:
+def do_jobs(folder: StrPath, grid: Grid, jobs: Sequence[Job], devices: int | None = None) -> None:
     """Everything of some jobs, which differ in their seeds alone, that is not done yet.
 
     Raises:
@@ -55,12 +56,12 @@ def do_jobs(folder: Path, grid: Grid, jobs: Sequence[Job], devices: int | None =
         raise broken
 
 
-def do_baseline(folder: Path, grid: Grid, devices: int | None = None) -> None:
+def do_baseline(folder: StrPath, grid: Grid, devices: int | None = None) -> None:
     """The greedy controller's tests that are not done yet."""
     use_devices(devices)
     limits = baseline_untested(folder, grid)
     if limits:
-        _test(Greedy(), grid.tests, limits, grid, folder / "greedy")
+        _test(Greedy(), grid.tests, limits, grid, Path(folder) / "greedy")
 
 
 def _test(

@@ -6,14 +6,15 @@ from pathlib import Path
 
 from salpchain.cluster import process
 from salpchain.cluster.sweep import End, Task
+from salpchain.files import StrPath
 from salpchain.machine import cores
 
 
 class LocalExecutor:
     """As many processes as are asked for; each has its share of the cores, or of the GPUs."""
 
-    def __init__(self, folder: Path, jobs: int, gpus: int = 0) -> None:
-        self.folder, self.jobs, self.gpus = folder, jobs, gpus
+    def __init__(self, folder: StrPath, jobs: int, gpus: int = 0) -> None:
+        self.folder, self.jobs, self.gpus = Path(folder), jobs, gpus
         self.devices = None if gpus else max(1, cores() // jobs)
         self._processes: dict[Task, subprocess.Popen] = {}
         self._places: dict[Task, int] = {}

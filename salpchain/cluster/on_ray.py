@@ -14,6 +14,7 @@ from typing import Any
 from salpchain.cluster import process
 from salpchain.cluster.sweep import RETRIES, End, Task
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 
 try:
     import ray
@@ -36,12 +37,12 @@ class RayExecutor:
     """
 
     def __init__(
-        self, folder: Path, address: str = "", jobs: int | None = None, cpus: int = 1,
+        self, folder: StrPath, address: str = "", jobs: int | None = None, cpus: int = 1,
         gpus: float = 0.0,
     ) -> None:  # fmt: skip
         if ray is None:
             raise InputError("Ray is missing: pip install 'salpchain[cluster]'")
-        self.folder, self.jobs = folder.resolve(), jobs
+        self.folder, self.jobs = Path(folder).resolve(), jobs
         self.cpus, self.gpus = cpus, gpus
         self._tasks: dict[Any, Task] = {}
         _join(address)

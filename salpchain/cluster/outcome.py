@@ -14,7 +14,7 @@ from salpchain.cluster.grid import Grid, Job
 from salpchain.cluster.results import is_trained, run_of, untested
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
-from salpchain.files import read_json, write_json, write_text
+from salpchain.files import StrPath, read_json, write_json, write_text
 from salpchain.report.beside import beside_figure_3, beside_figure_4
 from salpchain.report.claims import Claim, facts, judge
 from salpchain.report.pages import Report, Table, write_report
@@ -41,12 +41,13 @@ CURVES = (
 PAPER_LIMIT = "fixed"  # the paper's time limit, by which its claims are judged
 
 
-def write_outcome(folder: Path, grid: Grid) -> Path:
+def write_outcome(folder: StrPath, grid: Grid) -> Path:
     """Figures, tables and report of all runs that are whole; returns the report's page.
 
     Raises:
         InputError: no run is whole, or a result cannot be read.
     """
+    folder = Path(folder)
     entries = [_entry(folder, job) for job in grid.jobs() if is_trained(folder, job)]
     if not entries:
         raise InputError(f"{folder} has no whole run yet")

@@ -7,13 +7,14 @@ import sys
 from pathlib import Path
 
 from salpchain.cluster.sweep import End, Task
+from salpchain.files import StrPath
 
 CACHE = "cache"  # folder of compiled programs, which jobs of one configuration share
 MEMORY = 0.9  # of its share of a GPU that a process takes (chosen)
 
 
 def start(
-    folder: Path, task: Task, devices: int | None, extra: dict[str, str] | None = None
+    folder: StrPath, task: Task, devices: int | None, extra: dict[str, str] | None = None
 ) -> subprocess.Popen:
     """A process that does these jobs of the study; what it prints goes to a file of its own.
 
@@ -23,7 +24,7 @@ def start(
     log = _log(folder, task)
     log.parent.mkdir(parents=True, exist_ok=True)
     words = [sys.executable, "-m", "salpchain.cluster.job", str(folder), _numbers(task)]
-    cache = {"JAX_COMPILATION_CACHE_DIR": str(folder / CACHE)}
+    cache = {"JAX_COMPILATION_CACHE_DIR": str(Path(folder) / CACHE)}
     environment = {**cache, **os.environ, **(extra or {})}
     with log.open("wb") as file:
         return subprocess.Popen(
@@ -37,7 +38,7 @@ def gpu_share(share: float) -> dict[str, str]:
     return {"XLA_PYTHON_CLIENT_MEM_FRACTION": f"{MEMORY * share:.2f}"} if 0 < share < 1 else {}
 
 
-def end_of(folder: Path, task: Task, status: int) -> End:
+def end_of(folder: StrPath, task: Task, status: int) -> End:
     """How a process with this exit status ended, with its last word."""
     if status < 0:
         return End(False, retry=True, message=f"killed by {signal.Signals(-status).name}")
@@ -48,8 +49,8 @@ def end_of(folder: Path, task: Task, status: int) -> End:
     return End(status == 0, message=lines[-1] if lines else f"exit status {status}")
 
 
-def _log(folder: Path, task: Task) -> Path:
-    return folder / "logs" / f"{_numbers(task)}.txt"
+def _log(folder: StrPath, task: Task) -> Path:
+    return Path(folder) / "logs" / f"{_numbers(task)}.txt"
 
 
 def _numbers(task: Task) -> str:

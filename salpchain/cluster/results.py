@@ -15,7 +15,7 @@ from salpchain.cluster.grid import Grid, Job
 from salpchain.control.storage import POLICY_FILE
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
-from salpchain.files import read_arrays, read_json
+from salpchain.files import StrPath, read_arrays, read_json
 from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.run_folder import METRICS_FILE, SUMMARY_FILE, is_free, read_config, read_log
 
@@ -25,33 +25,34 @@ ANY_VERSION = 10**6
 TAIL = 4096  # bytes from the end of a log in which its last row is looked for (chosen)
 
 
-def run_of(folder: Path, job: Job) -> Path:
+def run_of(folder: StrPath, job: Job) -> Path:
     """The run folder of a job."""
-    return folder / "runs" / job.name
+    return Path(folder) / "runs" / job.name
 
 
-def is_trained(folder: Path, job: Job) -> bool:
+def is_trained(folder: StrPath, job: Job) -> bool:
     """Whether the run is whole."""
     return (run_of(folder, job) / SUMMARY_FILE).exists()
 
 
-def untested(folder: Path, job: Job) -> list[str]:
+def untested(folder: StrPath, job: Job) -> list[str]:
     """The time limits with which the run is still to be tested."""
     run = run_of(folder, job)
     return [limit for limit in job.tests if not (run / limit / TESTS_FILE).exists()]
 
 
-def is_done(folder: Path, job: Job) -> bool:
+def is_done(folder: StrPath, job: Job) -> bool:
     """Whether the run is whole, and tested with every time limit."""
     return is_trained(folder, job) and not untested(folder, job)
 
 
-def baseline_untested(folder: Path, grid: Grid) -> list[str]:
+def baseline_untested(folder: StrPath, grid: Grid) -> list[str]:
     """The time limits with which the baseline is still to be tested."""
-    return [t for t in grid.time_limits if not (folder / "greedy" / t / TESTS_FILE).exists()]
+    place = Path(folder) / "greedy"
+    return [t for t in grid.time_limits if not (place / t / TESTS_FILE).exists()]
 
 
-def trained_share(folder: Path, job: Job) -> float:
+def trained_share(folder: StrPath, job: Job) -> float:
     """How much of a training is done, from the last row of its log."""
     if is_trained(folder, job):
         return 1.0
@@ -66,7 +67,7 @@ def trained_share(folder: Path, job: Job) -> float:
     return min(iteration / job.config.iterations, 1.0)
 
 
-def set_damaged_aside(folder: Path, grid: Grid) -> list[str]:
+def set_damaged_aside(folder: StrPath, grid: Grid) -> list[str]:
     """Renames results that cannot be what they should be; says of each what was wrong with it.
 
     What is renamed counts as not done. What has not begun is no damage.
@@ -79,7 +80,7 @@ def set_damaged_aside(folder: Path, grid: Grid) -> list[str]:
         wrong = _wrong(partial(_check_run, run, job, tested))
         found += [_set_aside(run, wrong)] if wrong else []
     baseline = dict.fromkeys(grid.time_limits, grid.tests)
-    return found + _tests_aside(folder / "greedy", baseline, grid.trials)
+    return found + _tests_aside(Path(folder) / "greedy", baseline, grid.trials)
 
 
 def _tests_aside(place: Path, tests: dict[str, tuple[int, ...]], trials: int) -> list[str]:

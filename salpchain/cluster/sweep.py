@@ -10,6 +10,7 @@ from typing import Protocol, runtime_checkable
 from salpchain.cluster.cost import baseline_cost, test_cost, train_cost
 from salpchain.cluster.grid import Grid, Job
 from salpchain.cluster.results import baseline_untested, is_done, trained_share, untested
+from salpchain.files import StrPath
 from salpchain.machine import cores
 
 LOOK_EVERY = 1.0  # s between two looks at the jobs (chosen)
@@ -66,7 +67,7 @@ Watch = Callable[[Overall], None]
 
 
 def sweep(
-    folder: Path, grid: Grid, executor: Executor, watch: Watch, together: bool = False
+    folder: StrPath, grid: Grid, executor: Executor, watch: Watch, together: bool = False
 ) -> list[str]:
     """Does all that is not done yet; returns a line for each task that failed for good.
 
@@ -93,8 +94,8 @@ def sweep(
 class _State:
     """Which jobs wait, run, have failed; and how much of the work is done."""
 
-    def __init__(self, folder: Path, grid: Grid, together: bool, at_once: int) -> None:
-        self.folder, self.grid, self.jobs = folder, grid, grid.jobs()
+    def __init__(self, folder: StrPath, grid: Grid, together: bool, at_once: int) -> None:
+        self.folder, self.grid, self.jobs = Path(folder), grid, grid.jobs()
         self.names = [*(job.name for job in self.jobs), "greedy"]
         tasks = [*_tasks(grid, together), (len(self.jobs),)]
         self.waiting = deque(task for task in tasks if not all(map(self._is_done, task)))

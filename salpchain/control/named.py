@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from salpchain.control.released import released
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 
 if TYPE_CHECKING:
     from salpchain.control.policy import Controller
@@ -31,7 +32,7 @@ WRITTEN = {
 }
 
 
-def load(source: str | Path) -> "Controller":
+def load(source: StrPath) -> "Controller":
     """The controller of this name, or the policy in this file or run folder.
 
     A name wins over a folder that is called so: `./NAME`, or a `Path`, is the folder.
@@ -48,7 +49,7 @@ def load(source: str | Path) -> "Controller":
     return storage.load(source)
 
 
-def is_name(source: str | Path) -> bool:
+def is_name(source: StrPath) -> bool:
     """Whether this names a controller; a path never does, not even to a folder called so."""
     return isinstance(source, str) and source in names()
 
@@ -69,7 +70,7 @@ def check_live(source: str) -> None:
         raise InputError(f"{source} is too slow to steer live: choose a run, or one of {quick}")
 
 
-def check_there(source: str | Path) -> None:
+def check_there(source: StrPath) -> None:
     """Nothing, if this names a controller or is a path that exists.
 
     Raises:

@@ -15,7 +15,7 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.released import released
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
-from salpchain.files import read_arrays, write_arrays
+from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"
@@ -23,7 +23,7 @@ VERSION = 1
 POLICY_FILE = "policy.safetensors"
 
 
-def save_policy(policy: Policy, path: Path, half: bool = False) -> None:
+def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
     """The policy as one file, atomically; with `half`, weights in half precision, rounded.
 
     Raises:
@@ -35,7 +35,7 @@ def save_policy(policy: Policy, path: Path, half: bool = False) -> None:
     write_arrays(path, KIND, VERSION, policy.card.as_dict(), arrays)
 
 
-def load(source: str | Path) -> Policy:
+def load(source: StrPath) -> Policy:
     """A released policy by its name, or the policy in a file or in the run folder of a training.
 
     Names are as in `salpchain.load`, but of learned policies only.

@@ -18,7 +18,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
-from salpchain.files import make_writable, write_json, write_text
+from salpchain.files import StrPath, make_writable, write_json, write_text
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 
@@ -29,7 +29,7 @@ def evaluate(
     trials: int,
     time_limit: str,
     seed: int,
-    out: Path | None = None,
+    out: StrPath | None = None,
     baseline: bool = True,
     progress: Progress | None = None,
 ) -> Summary:
@@ -64,7 +64,7 @@ def evaluate_limits(
     trials: int,
     time_limits: Sequence[str],
     seed: int,
-    out: Path,
+    out: StrPath,
     progress: Progress | None = None,
 ) -> None:
     """`evaluate` without baseline under several time limits, each into its folder of `out`.
@@ -74,6 +74,7 @@ def evaluate_limits(
     Raises:
         As `evaluate`.
     """
+    out = Path(out)
     for limit in time_limits:
         make_writable(out / limit)
     played = _play([controller], lengths, trials, time_limits, seed, progress)
@@ -81,13 +82,15 @@ def evaluate_limits(
         _summary(controller, played[limit], out / limit)
 
 
-def _summary(controller: Controller, frames: Sequence[pd.DataFrame], out: Path | None) -> Summary:
+def _summary(
+    controller: Controller, frames: Sequence[pd.DataFrame], out: StrPath | None
+) -> Summary:
     """What the trials of the controller and of its baseline, if there is one, say; as files too."""
     summary = {**summarise(frames[0]), "card": controller.card.as_dict()}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
-        write_text(out / TRIALS_FILE, pd.concat(frames).to_csv(index=False))
-        write_json(out / SUMMARY_FILE, summary)
+        write_text(Path(out) / TRIALS_FILE, pd.concat(frames).to_csv(index=False))
+        write_json(Path(out) / SUMMARY_FILE, summary)
     return summary
 
 

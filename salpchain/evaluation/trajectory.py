@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from salpchain.domain.config import TIME_LIMITS, check_length, check_seed, one_of
 from salpchain.errors import InputError
-from salpchain.files import write_bytes
+from salpchain.files import StrPath, write_bytes
 
 FORMAT = 1
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
@@ -93,7 +93,7 @@ class Trajectory:
         """1 - mean distance at the end / mean distance at the start."""
         return float(1 - self.distance[-1] / max(self.distance[0], 1e-9))
 
-    def save(self, path: Path) -> None:
+    def save(self, path: StrPath) -> None:
         """The trajectory as one compressed `.npz`, atomically; data only, never code.
 
         Raises:
@@ -105,14 +105,15 @@ class Trajectory:
         write_bytes(path, content.getvalue())
 
     @classmethod
-    def load(cls, path: Path) -> "Trajectory":
+    def load(cls, path: StrPath) -> "Trajectory":
         """The trajectory in a file, every field checked.
 
         Raises:
             InputError: no such file; not a trajectory; cut short; a field that is missing, of
                 another shape or kind, or not finite; or from a newer version.
         """
-        named = _read(Path(path))
+        path = Path(path)
+        named = _read(path)
         try:
             return cls(**{field.name: _plain(named, field.name, path) for field in fields(cls)})
         except InputError as error:

@@ -6,12 +6,13 @@ from pathlib import Path
 from salpchain.control.policy import Controller, Policy
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 from salpchain.interop import FORMATS
 from salpchain.interop.layout import metadata
 from salpchain.trees import to_arrays
 
 
-def export(policy: Controller, path: str | Path, kind: str) -> None:
+def export(policy: Controller, path: StrPath, kind: str) -> None:
     """The policy as one file of this kind, `onnx` or `torch`.
 
     Raises:

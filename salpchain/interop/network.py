@@ -12,7 +12,7 @@ import numpy as np
 from salpchain.control.config import PAPER_DEPTH, REACH
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
-from salpchain.files import read_arrays, write_arrays
+from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.interop.extras import need
 
 need("torch", "torch")
@@ -143,7 +143,7 @@ def _attend(scores: Tensor, values: Tensor, sees: Tensor) -> Tensor:
     return torch.einsum("...ijh,...jhf->...ihf", weights, values)
 
 
-def save_torch(arrays: dict[str, Any], about: dict[str, str], path: Path) -> None:
+def save_torch(arrays: dict[str, Any], about: dict[str, str], path: StrPath) -> None:
     """The weights of trunk and actor, as `salpchain.trees.to_arrays` names them, as one file.
 
     Raises:
@@ -157,7 +157,7 @@ def save_torch(arrays: dict[str, Any], about: dict[str, str], path: Path) -> Non
     write_arrays(path, KIND, VERSION, about, used)
 
 
-def load_torch(path: str | Path) -> TorchPolicy:
+def load_torch(path: StrPath) -> TorchPolicy:
     """The module in a file of `salpchain export --format torch`, ready to act.
 
     Raises:

@@ -1,6 +1,5 @@
 """A policy as one ONNX file that runs without JAX and without salpchain."""
 
-from pathlib import Path
 from typing import Any
 
 from salpchain import __version__
@@ -10,7 +9,7 @@ from salpchain.control.layers import Layers
 from salpchain.control.mlp import MLP
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
-from salpchain.files import write_bytes
+from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need
 from salpchain.interop.layout import metadata
 
@@ -22,7 +21,7 @@ OPSET = 17  # of 2022: known to most runtimes
 IR_VERSION = 8  # the file format of that time
 
 
-def export_onnx(policy: Policy, path: Path) -> None:
+def export_onnx(policy: Policy, path: StrPath) -> None:
     """The policy as one file: `observation` in, `action` and `thrust` out, weights inside.
 
     Shapes: observation (batch, units, features), action (batch, units, act), thrust (batch, units)

@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from salpchain.errors import InputError
-from salpchain.files import read_json, write_bytes
+from salpchain.files import StrPath, read_json, write_bytes
 from salpchain.report.picture import chains_picture
 
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
@@ -64,7 +64,7 @@ class Curve(NamedTuple):
     error: Float[np.ndarray, " point"]
 
 
-def learning_curves(runs: Sequence[Path], out: Path, window: int = 10) -> list[Path]:
+def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> list[Path]:
     """Success and closed fraction against chain-steps, as PNG and PDF; returns both paths.
 
     Runs whose settings differ in nothing but the seed are one line: the mean over seeds, with its
@@ -76,7 +76,7 @@ def learning_curves(runs: Sequence[Path], out: Path, window: int = 10) -> list[P
     """
     if not runs:
         raise InputError("learning curves need at least one run folder")
-    groups = _group_by_settings(runs)
+    groups = _group_by_settings([Path(run) for run in runs])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 3.9), layout="constrained")
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -187,7 +187,7 @@ def _draw_curve(panel: Axes, look: Any, name: str, curve: Curve) -> None:
     )
 
 
-def zero_shot(evaluations: Sequence[Path], out: Path) -> list[Path]:
+def zero_shot(evaluations: Sequence[StrPath], out: StrPath) -> list[Path]:
     """Closed fraction and success against length, as PNG and PDF; returns both paths.
 
     `evaluations` are `evaluation.json` files or their folders. Bars are 95 % intervals. Beside
@@ -198,7 +198,7 @@ def zero_shot(evaluations: Sequence[Path], out: Path) -> list[Path]:
     """
     if not evaluations:
         raise InputError("zero-shot curves need at least one evaluation.json")
-    summaries = [_read_evaluation(path) for path in evaluations]
+    summaries = [_read_evaluation(Path(path)) for path in evaluations]
     mixed = len({s["time_limit"] for s in summaries}) > 1
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 4.2), layout="constrained")
@@ -330,8 +330,9 @@ def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
         legend.remove()
 
 
-def save(figure: Figure, out: Path) -> list[Path]:
+def save(figure: Figure, out: StrPath) -> list[Path]:
     """The figure at `out`, as PNG and PDF: whole or not there, and the same bytes each time."""
+    out = Path(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     drawn = {}
     for kind, metadata in (("png", {}), ("pdf", {"CreationDate": None})):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from salpchain.files import write_text
+from salpchain.files import StrPath, write_text
 from salpchain.report.claims import ABOUT_CLAIMS, Claim
 
 # A cell that holds a number: with a unit, a spread or one beside it at the most.
@@ -46,8 +46,9 @@ class Report:
     figures: dict[str, Path] = field(default_factory=dict)  # PNG by caption
 
 
-def write_report(report: Report, folder: Path) -> list[Path]:
+def write_report(report: Report, folder: StrPath) -> list[Path]:
     """`report.md`, which shows the figures beside it, and `report.html`, which holds them."""
+    folder = Path(folder)
     pages = {folder / "report.md": markdown(report), folder / "report.html": page(report)}
     for path, text in pages.items():
         write_text(path, text)

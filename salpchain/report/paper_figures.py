@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import paper_normalised
+from salpchain.files import StrPath
 from salpchain.report.figures import GREY, LOOKS, STYLE, legend_below, save
 from salpchain.report.study import HELD, Entry, episode_return, zero_shot_table
 
@@ -22,7 +23,7 @@ ORDER = ("gcn mixed", "gcn full", "gatv2 mixed", "gatv2 full", "gt mixed", "gt f
 LOOK: dict[str, Any] = dict(zip(ORDER, LOOKS, strict=True))
 
 
-def figure_3(entries: Sequence[Entry], out: Path) -> list[Path]:
+def figure_3(entries: Sequence[Entry], out: StrPath) -> list[Path]:
     """Learning curves, a panel for each training length: normalised return, mean ± standard error.
 
     As in the paper: a moving average over 200 data points (over as many rollouts as there are, if
@@ -99,7 +100,7 @@ def _smooth(entries: Sequence[Entry]) -> pd.DataFrame:
 
 
 def figure_4(
-    entries: Sequence[Entry], time_limit: str, out: Path, baseline: dict[str, Any] | None = None
+    entries: Sequence[Entry], time_limit: str, out: StrPath, baseline: dict[str, Any] | None = None
 ) -> list[Path]:
     """Zero-shot curves, a column for each training length.
 

@@ -17,7 +17,7 @@ from matplotlib.patches import FancyBboxPatch
 
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.files import write_bytes
+from salpchain.files import StrPath, write_bytes
 from salpchain.report.shapes import REACHED, length_name, round_length, unit_outlines
 
 WIDTH = 10.0  # inches, of the picture
@@ -46,7 +46,7 @@ class View:
         return float(self.size[0] / self.size[1])
 
 
-def chains_picture(swims: Sequence[Trajectory], out: Path, rows: int | None = None) -> Path:
+def chains_picture(swims: Sequence[Trajectory], out: StrPath, rows: int | None = None) -> Path:
     """The swims as one PNG picture, each turned so that it leads to the right; returns its path.
 
     In each panel: the start pose in outline, the ways of the units, poses in between, the final
@@ -71,6 +71,7 @@ def chains_picture(swims: Sequence[Trajectory], out: Path, rows: int | None = No
             _draw(_panel(figure, place, total), view, view.size[1] / height, place)
             left += width + GAP
         top -= panel_height + GAP
+    out = Path(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
     figure.savefig(content, format="png")

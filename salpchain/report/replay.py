@@ -13,13 +13,13 @@ import numpy as np
 
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.files import write_text
+from salpchain.files import StrPath, write_text
 
 MOST = 12  # trajectories in a page (chosen; more are too small to be seen)
 FOLDER = files("salpchain.report") / "page"
 
 
-def write_replay(swims: Sequence[Trajectory], out: Path) -> Path:
+def write_replay(swims: Sequence[Trajectory], out: StrPath) -> Path:
     """The page with these trajectories side by side; returns its path.
 
     Raises:
@@ -29,7 +29,7 @@ def write_replay(swims: Sequence[Trajectory], out: Path) -> Path:
     if not 1 <= len(swims) <= MOST:
         raise InputError(f"a replay shows 1 to {MOST} trajectories, got {len(swims)}")
     write_text(out, page(swims))
-    return out
+    return Path(out)
 
 
 def page(swims: Sequence[Trajectory]) -> str:

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.files import write_bytes
+from salpchain.files import StrPath, write_bytes
 from salpchain.report.canvas import Canvas
 from salpchain.report.scene import Box, Scene, water
 
@@ -61,7 +61,10 @@ DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(480,
 
 
 def write_video(
-    swims: Sequence[Trajectory], out: Path, film: Film | None = None, progress: Progress = _unheard
+    swims: Sequence[Trajectory],
+    out: StrPath,
+    film: Film | None = None,
+    progress: Progress = _unheard,
 ) -> Path:
     """The trajectories side by side in one video; returns its path.
 
@@ -72,6 +75,7 @@ def write_video(
         InputError: no trajectories, an unknown suffix, or PyAV is missing and an MP4 is wanted.
         OSError: the folder is missing or not writable, or the disk is full.
     """
+    out = Path(out)
     suffix = check_suffix(out)
     if not swims:
         raise InputError("a video needs at least one trajectory")
@@ -85,13 +89,13 @@ def write_video(
     return out
 
 
-def check_suffix(out: Path) -> str:
+def check_suffix(out: StrPath) -> str:
     """The suffix of a video's name, in small letters.
 
     Raises:
         InputError: none that can be written, or `.mp4` without PyAV.
     """
-    suffix = out.suffix.lower()
+    suffix = Path(out).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(
             f"a video's name must end in .mp4, .gif or .png (a strip of moments), got {out}"
@@ -223,7 +227,7 @@ def _strip(swims: Sequence[Trajectory], film: Film) -> bytes:
     return content.getvalue()
 
 
-def with_defaults(out: Path, **given: Any) -> Film:
+def with_defaults(out: StrPath, **given: Any) -> Film:
     """The film that suits the suffix, with what is given (not None) in its place."""
     chosen = {name: value for name, value in given.items() if value is not None}
     return replace(DEFAULTS[check_suffix(out)], **chosen)

@@ -9,7 +9,7 @@ from typing import Any
 
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import POLICY_FILE, save_policy
-from salpchain.files import write_json
+from salpchain.files import StrPath, write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import save_checkpoint
 from salpchain.training.config import TrainConfig
@@ -97,9 +97,9 @@ class Clock:
 class Journal:
     """One run and its files, from the iteration on that it goes on from."""
 
-    def __init__(self, config: TrainConfig, run: Path, iteration: int) -> None:
+    def __init__(self, config: TrainConfig, run: StrPath, iteration: int) -> None:
         """Keeps the rows up to this iteration, and no later ones."""
-        self.config, self.run = config, run
+        self.config, self.run = config, Path(run)
         self.log = run_folder.MetricsLog(run, iteration)
         self.recent = Recent()
         self.broken: NotFiniteError | None = None

@@ -14,7 +14,7 @@ from typing import Any
 from salpchain.control.config import ControlConfig
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
-from salpchain.files import read_json, write_json, write_text
+from salpchain.files import StrPath, read_json, write_json, write_text
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 CONFIG_FILE = "config.json"
@@ -26,7 +26,7 @@ NEEDED |= {"reward_approach", "reward_goal"}
 PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
 
 
-def create(run: Path, config: TrainConfig, devices: int, device: str) -> None:
+def create(run: StrPath, config: TrainConfig, devices: int, device: str) -> None:
     """A new run folder with the run's settings.
 
     Raises:
@@ -34,16 +34,18 @@ def create(run: Path, config: TrainConfig, devices: int, device: str) -> None:
         OSError: it cannot be made or written.
     """
     check_free(run)
+    run = Path(run)
     run.mkdir(parents=True, exist_ok=True)
     write_json(run / CONFIG_FILE, describe(config, devices, device))
 
 
-def check_free(run: Path) -> None:
+def check_free(run: StrPath) -> None:
     """Nothing, if a new run may use this folder.
 
     Raises:
         InputError: it is a file, or holds something already.
     """
+    run = Path(run)
     if run.exists() and not run.is_dir():
         raise InputError(f"{run} is a file: a run needs a folder")
     if not is_free(run):
@@ -51,14 +53,15 @@ def check_free(run: Path) -> None:
         raise InputError(f"{run} is already used: {advice}")
 
 
-def is_free(run: Path) -> bool:
+def is_free(run: StrPath) -> bool:
     """Whether there is no such folder, or one that is empty but for a half-written start."""
+    run = Path(run)
     return not run.exists() or all(p.name.startswith(f".{CONFIG_FILE}") for p in run.iterdir())
 
 
-def is_finished(run: Path) -> bool:
+def is_finished(run: StrPath) -> bool:
     """Whether the run came to its end: its summary is written last."""
-    return (run / SUMMARY_FILE).exists()
+    return (Path(run) / SUMMARY_FILE).exists()
 
 
 def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
@@ -80,12 +83,13 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-def read_config(run: Path) -> tuple[TrainConfig, int]:
+def read_config(run: StrPath) -> tuple[TrainConfig, int]:
     """The settings of a run, and over how many devices its chains are shared out.
 
     Raises:
         InputError: the folder is no run folder, or its settings are not understood.
     """
+    run = Path(run)
     if not (run / CONFIG_FILE).is_file():
         raise InputError(f"{run} is not a run folder: it has no {CONFIG_FILE}")
     content = read_json(run / CONFIG_FILE)
@@ -126,16 +130,16 @@ def _frozen(value: Any) -> Any:
 class MetricsLog:
     """`metrics.csv`, a row for each iteration, and the same as TensorBoard scalars."""
 
-    def __init__(self, run: Path, keep: int) -> None:
+    def __init__(self, run: StrPath, keep: int) -> None:
         """Opens the log of a run, with its rows up to iteration `keep` and no later ones."""
         from tensorboardX import SummaryWriter
 
-        self.path = run / METRICS_FILE
+        self.path = Path(run) / METRICS_FILE
         self.rows = [row for row in read_log(run) if int(row["iteration"]) <= keep]
         if self.path.exists():
             write_text(self.path, _as_csv(self.rows))
         self._file = self.path.open("a", encoding="utf-8", newline="")
-        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=keep + 1)
+        self._board = SummaryWriter(str(Path(run) / "tensorboard"), purge_step=keep + 1)
 
     def add(self, row: dict[str, int | float]) -> None:
         """One more iteration, on disk at once; no number is an empty cell."""
@@ -160,13 +164,13 @@ def _cell(value: int | float) -> str:
     return "" if value != value else f"{value:.7g}"
 
 
-def read_log(run: Path, remedy: str = ": delete it to go on") -> list[dict[str, str]]:
+def read_log(run: StrPath, remedy: str = ": delete it to go on") -> list[dict[str, str]]:
     """The rows of a run's log; none where it has not begun. A last row cut short is left out.
 
     Raises:
         InputError: it is no such log; the message ends with the remedy.
     """
-    path = run / METRICS_FILE
+    path = Path(run) / METRICS_FILE
     if not path.exists():
         return []
     try:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.domain.scld import SCLD
-from salpchain.files import alone
+from salpchain.files import StrPath, alone
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
@@ -29,7 +29,7 @@ Watch = Callable[[Progress], None]
 
 def train(
     config: TrainConfig,
-    run: Path,
+    run: StrPath,
     watch: Watch | None = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
@@ -44,6 +44,7 @@ def train(
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
     """
+    run = Path(run)
     devices = _create(config, run, devices)
     with alone(run):
         sitting = Sitting([config], [run], devices, watch, save_every)
@@ -60,7 +61,9 @@ def _create(config: TrainConfig, run: Path, devices: int | None) -> int:
     return devices
 
 
-def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY) -> dict[str, Any]:
+def resume(
+    run: StrPath, watch: Watch | None = None, save_every: float = SAVE_EVERY
+) -> dict[str, Any]:
     """Goes on from the last whole checkpoint of a run, as if it had never stopped.
 
     A run that was killed before its first checkpoint starts again.
@@ -68,6 +71,7 @@ def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
     Raises:
         InputError: no run folder, a damaged checkpoint, or another process is at it.
     """
+    run = Path(run)
     config, devices = run_folder.read_config(run)
     use_devices(devices)
     sitting = Sitting([config], [run], devices, watch, save_every)
@@ -81,7 +85,7 @@ def resume(run: Path, watch: Watch | None = None, save_every: float = SAVE_EVERY
 
 def train_together(
     configs: Sequence[TrainConfig],
-    runs: Sequence[Path],
+    runs: Sequence[StrPath],
     watch: Watch | None = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
@@ -96,6 +100,7 @@ def train_together(
     Raises:
         As `train` and `resume`. A run whose numbers are not finite stops nothing but itself.
     """
+    runs = [Path(run) for run in runs]
     for config, run in zip(configs, runs, strict=True):
         if not (run / run_folder.CONFIG_FILE).exists():
             _create(config, run, devices)

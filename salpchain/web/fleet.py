@@ -8,6 +8,7 @@ from salpchain.control.policy import Controller
 from salpchain.control.released import released
 from salpchain.control.storage import POLICY_FILE, load
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 
 QUICK = [name for name, written in WRITTEN.items() if written.live]
 SPARE = "greedy"  # steers if the first policy cannot
@@ -18,7 +19,7 @@ MOST = 200  # policies in the list (chosen)
 class Fleet:
     """Policies by name. Only what is in the list can be loaded, never a path from outside."""
 
-    def __init__(self, chosen: str = "", runs: Path | None = None) -> None:
+    def __init__(self, chosen: str = "", runs: StrPath | None = None) -> None:
         """The policy that the user chose (a name or a path) and those in a folder of runs.
 
         Raises:
@@ -26,7 +27,7 @@ class Fleet:
                 too slow to steer while a person watches.
         """
         self._paths = released()
-        self._paths |= _runs_in(runs) if runs else {}
+        self._paths |= _runs_in(Path(runs)) if runs else {}
         best = [name for name in BEST if name in self._paths]
         self.first = best[0] if best else next(iter(self._paths), "approach")
         self._loaded: dict[str, Controller] = {}

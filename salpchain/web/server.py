@@ -15,6 +15,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 from salpchain.web import messages
 from salpchain.web.guard import (
     LARGEST_FRAME,
@@ -83,7 +84,7 @@ class Client:
 class Live:
     """The application: it owns the engine and the browsers that watch."""
 
-    def __init__(self, chosen: str = "", runs: str = "", seed: int = 0) -> None:
+    def __init__(self, chosen: str = "", runs: StrPath = "", seed: int = 0) -> None:
         """Nothing heavy is imported before the server runs."""
         self._asked = chosen, runs, seed
         self.engine: Engine | None = None
