@@ -4,7 +4,7 @@
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
@@ -18,9 +18,13 @@ _PUBLIC = {
     "Greedy": "salpchain.control.greedy",
     "Approach": "salpchain.control.approach",
     "MPC": "salpchain.control.mpc",
+    "Controller": "salpchain.control.policy",
     "Policy": "salpchain.control.policy",
     "load": "salpchain.control.named",
     "save_policy": "salpchain.control.storage",
+    "ControlConfig": "salpchain.control.config",
+    "PPOConfig": "salpchain.training.config",
+    "Mix": "salpchain.training.config",
     "TrainConfig": "salpchain.training.config",
     "train": "salpchain.training.trainer",
     "resume": "salpchain.training.trainer",
@@ -32,11 +36,36 @@ _PUBLIC = {
 
 __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
+if TYPE_CHECKING:  # the same names, where editors and type checkers look for them
+    from salpchain.control.approach import Approach as Approach
+    from salpchain.control.config import ControlConfig as ControlConfig
+    from salpchain.control.greedy import Greedy as Greedy
+    from salpchain.control.mpc import MPC as MPC
+    from salpchain.control.named import load as load
+    from salpchain.control.policy import Controller as Controller
+    from salpchain.control.policy import Policy as Policy
+    from salpchain.control.storage import save_policy as save_policy
+    from salpchain.domain.config import TaskConfig as TaskConfig
+    from salpchain.domain.scld import SCLD as SCLD
+    from salpchain.domain.scld import State as State
+    from salpchain.errors import InputError as InputError
+    from salpchain.evaluation.evaluate import evaluate as evaluate
+    from salpchain.evaluation.recording import record as record
+    from salpchain.evaluation.trajectory import Trajectory as Trajectory
+    from salpchain.physics.chain import Bodies as Bodies
+    from salpchain.physics.chain import Chain as Chain
+    from salpchain.physics.chain import Physics as Physics
+    from salpchain.training.config import Mix as Mix
+    from salpchain.training.config import PPOConfig as PPOConfig
+    from salpchain.training.config import TrainConfig as TrainConfig
+    from salpchain.training.trainer import resume as resume
+    from salpchain.training.trainer import train as train
+else:
 
-def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
-        raise AttributeError(f"module 'salpchain' has no attribute {name!r}")
-    return getattr(import_module(_PUBLIC[name]), name)
+    def __getattr__(name: str) -> object:
+        if name not in _PUBLIC:
+            raise AttributeError(f"module 'salpchain' has no attribute {name!r}")
+        return getattr(import_module(_PUBLIC[name]), name)
 
 
 def __dir__() -> list[str]:

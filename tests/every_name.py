@@ -1,0 +1,52 @@
+# pyright: strict
+"""A program that uses every public name, for the type checker: it is read and never run."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import reveal_type
+
+import jax
+
+import salpchain
+
+try:
+    policy = salpchain.load("any-length")
+except salpchain.InputError as error:
+    raise SystemExit(str(error)) from None
+reveal_type(policy)
+reveal_type(policy.card.task(length=24))
+
+env = salpchain.SCLD(salpchain.TaskConfig(length=8), salpchain.Physics())
+state: salpchain.State = env.reset(jax.random.key(0))
+chain: salpchain.Chain = state.chain
+bodies: salpchain.Bodies = chain.units
+reveal_type(env)
+reveal_type(env.step(state, policy.act(state)))
+reveal_type(state.closed_fraction)
+reveal_type(state.obs)
+reveal_type(state.reward)
+reveal_type(chain.present)
+reveal_type(bodies.position)
+written: list[salpchain.Controller] = [salpchain.Greedy(), salpchain.Approach(), salpchain.MPC()]
+reveal_type(written[0].act(state))
+reveal_type(salpchain.MPC.guided(policy))
+
+config = salpchain.TrainConfig(
+    control=salpchain.ControlConfig(model="gt"),
+    ppo=salpchain.PPOConfig(learning_rate=1e-3),
+    mix=salpchain.Mix((4, 8)),
+    seed=1,
+)
+reveal_type(replace(config, steps=1000))
+reveal_type(config.ppo.learning_rate)
+reveal_type(salpchain.train(config, "runs/one"))
+reveal_type(salpchain.resume(Path("runs/one")))
+reveal_type(salpchain.evaluate(policy, [8, 16], 20, "scaled", 0, "results"))
+(swim,) = salpchain.record(policy, [8])
+reveal_type(swim)
+reveal_type(swim.unit_position)
+swim.save("swim.npz")
+reveal_type(salpchain.Trajectory.load("swim.npz"))
+if isinstance(policy, salpchain.Policy):
+    salpchain.save_policy(policy, Path("policy.safetensors"))
+    reveal_type(policy.network)
