@@ -32,11 +32,13 @@ _PUBLIC = {
     "Trajectory": "salpchain.evaluation.trajectory",
     "record": "salpchain.evaluation.recording",
     "InputError": "salpchain.errors",
+    "use_cache": "salpchain.compilation_cache",
 }
 
 __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:  # the same names, where editors and type checkers look for them
+    from salpchain.compilation_cache import use_cache as use_cache
     from salpchain.control.approach import Approach as Approach
     from salpchain.control.config import ControlConfig as ControlConfig
     from salpchain.control.greedy import Greedy as Greedy

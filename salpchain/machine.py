@@ -30,10 +30,19 @@ def cores() -> int:
 
 def processor() -> str:
     """What the processor calls itself, as far as the system tells."""
+    return _cpuinfo("model name") or platform.processor() or platform.machine()
+
+
+def instructions() -> str:
+    """The instruction sets of the processor, as far as the system tells."""
+    return _cpuinfo("flags") or _cpuinfo("Features") or platform.machine()
+
+
+def _cpuinfo(name: str) -> str:
+    """What Linux says of the first core under this name; else nothing."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, "") or platform.processor() or platform.machine()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith(name)), "")
 
 
 def _memory() -> float:

@@ -10,14 +10,8 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "salpchain"
 ROOMS = ["physics", "domain", "control", "evaluation", "training", "report", "interop", "web"]
 ROOMS += ["cluster", "cli"]
-GROUND = {
-    "devices",
-    "errors",
-    "files",
-    "machine",
-    "trees",
-    "xla",
-}  # files at the bottom, importable by all
+# Files at the bottom, importable by all.
+GROUND = {"compilation_cache", "devices", "errors", "files", "machine", "trees", "xla"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
 OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}

@@ -13,6 +13,8 @@ from itertools import pairwise
 from typing import Any
 
 from salpchain import __version__
+from salpchain.cli import jax_start
+from salpchain.compilation_cache import use_cache
 from salpchain.errors import InputError
 
 COMMANDS = {
@@ -88,6 +90,10 @@ def run(arguments: list[str]) -> int:
         where = f": {error.filename}" if error.filename else ""
         advice = ADVICE.get(error.errno or 0, "")
         return _fail(f"{(error.strerror or str(error)).lower()}{where}{advice}")
+    except Exception:
+        if reason := jax_start.why_it_fails():
+            return _fail(reason)
+        raise
 
 
 def _dispatch(arguments: list[str]) -> int:
@@ -105,7 +111,11 @@ def _dispatch(arguments: list[str]) -> int:
     _check_filled(name, rest)
     module = import_module(f"salpchain.cli.{name}")
     options = _read(getattr(module, COMMANDS[name][0]), name, rest)
-    return 0 if options is None else (module.run(options) or 0)
+    if options is None:
+        return 0
+    jax_start.check_flags()
+    use_cache()
+    return module.run(options) or 0
 
 
 def _check_filled(name: str, arguments: list[str]) -> None:

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from salpchain import compilation_cache
 from salpchain.cluster.sweep import End, Task
 from salpchain.files import StrPath
 
@@ -24,8 +25,9 @@ def start(
     log = _log(folder, task)
     log.parent.mkdir(parents=True, exist_ok=True)
     words = [sys.executable, "-m", "salpchain.cluster.job", str(folder), _numbers(task)]
-    cache = {"JAX_COMPILATION_CACHE_DIR": str(Path(folder) / CACHE)}
-    environment = {**cache, **os.environ, **(extra or {})}
+    own = compilation_cache.is_off() or compilation_cache.set_by_user()
+    cache = {} if own else {compilation_cache.JAX_FOLDER: str(Path(folder) / CACHE)}
+    environment = {**os.environ, **cache, **(extra or {})}
     with log.open("wb") as file:
         return subprocess.Popen(
             [*words, *([] if devices is None else [str(devices)])],
