@@ -11,7 +11,8 @@ PACKAGE = Path(__file__).parent.parent / "salpchain"
 ROOMS = ["physics", "domain", "control", "evaluation", "training", "report", "interop", "web"]
 ROOMS += ["cluster", "cli"]
 # Files at the bottom, importable by all.
-GROUND = {"compilation_cache", "devices", "errors", "files", "machine", "trees", "xla"}
+GROUND = {"compilation_cache", "devices", "errors", "files", "installation", "machine", "trees"}
+GROUND |= {"xla"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
 OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}

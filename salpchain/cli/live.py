@@ -12,6 +12,7 @@ from salpchain.control.named import check_live, check_there, is_name
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
+from salpchain.installation import install_command
 
 POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -23,7 +24,7 @@ class Live:
 
     Drag the target, draw one by hand, change the length, cut links, push units, switch policies:
     the page says how. Only this machine can open it unless you give another --host. Needs the
-    extra `live`: pip install 'salpchain[live]'.
+    extra `live`; where it is missing, the error names the command that installs it.
 
     Example: salpchain live runs/eight
     """
@@ -56,7 +57,7 @@ def run(options: Live) -> None:
         from salpchain.web import server
     except ImportError as error:
         raise InputError(
-            f"the live page needs {error.name}: pip install 'salpchain[live]'"
+            f"the live page needs {error.name}: run {install_command('live')}"
         ) from None
     bound = server.listen(options.host, port)
     with bound:

@@ -62,7 +62,7 @@ class Reproduce:
     jobs: Whole = ""
     """Runs at a time. Default: as many as fit this machine."""
     executor: Annotated[str, text_option("local|ray")] = "local"
-    """local (processes on this machine) or ray (a cluster; needs the extra salpchain[cluster])."""
+    """local (processes on this machine) or ray (a cluster; needs the extra `cluster`)."""
     address: Annotated[str, text_option("HOST:PORT")] = ""
     """Of the Ray cluster. Default: what RAY_ADDRESS names, else a new one on this machine."""
     cpus: Whole = ""

@@ -18,7 +18,7 @@ class Video:
     """Draw a swim as a video (.mp4, .gif) or as a strip of moments (.png).
 
     Takes policies, which swim first, or trajectories from salpchain rollout. An .mp4 needs
-    the extra `video`: pip install 'salpchain[video]'.
+    the extra `video`; where it is missing, the error names the command that installs it.
 
     Example: salpchain video runs/eight --length 24 --out swim.mp4
 

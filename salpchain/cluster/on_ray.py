@@ -15,6 +15,7 @@ from salpchain.cluster import process
 from salpchain.cluster.sweep import RETRIES, End, Task
 from salpchain.errors import InputError
 from salpchain.files import StrPath
+from salpchain.installation import install_command
 
 try:
     import ray
@@ -41,7 +42,7 @@ class RayExecutor:
         gpus: float = 0.0,
     ) -> None:  # fmt: skip
         if ray is None:
-            raise InputError("Ray is missing: pip install 'salpchain[cluster]'")
+            raise InputError(f"Ray is missing: run {install_command('cluster')}")
         self.folder, self.jobs = Path(folder).resolve(), jobs
         self.cpus, self.gpus = cpus, gpus
         self._tasks: dict[Any, Task] = {}

@@ -4,6 +4,7 @@ from importlib import import_module
 from types import ModuleType
 
 from salpchain.errors import InputError
+from salpchain.installation import install_command
 
 
 def need(module: str, extra: str) -> ModuleType:
@@ -23,4 +24,4 @@ def need(module: str, extra: str) -> ModuleType:
         if error.name != missing:  # a part of something installed: broken in itself
             raise
         what = f"{missing} is" if missing == package else f"{package} needs {missing}, which is"
-        raise InputError(f"{what} not installed: run pip install 'salpchain[{extra}]'") from None
+        raise InputError(f"{what} not installed: run {install_command(extra)}") from None

@@ -12,6 +12,7 @@ from jaxtyping import UInt8
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.files import StrPath, write_bytes
+from salpchain.installation import install_command
 from salpchain.report.canvas import Canvas
 from salpchain.report.scene import Box, Scene, water
 
@@ -178,7 +179,7 @@ def _av() -> Any:
         import av
     except ImportError:
         raise InputError(
-            "an .mp4 needs PyAV: pip install 'salpchain[video]', or write a .gif or a .png"
+            f"an .mp4 needs PyAV: run {install_command('video')}, or write a .gif or a .png"
         ) from None
     return av
 

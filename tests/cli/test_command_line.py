@@ -18,6 +18,7 @@ from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
 from salpchain.domain.config import OBSERVATION_SIZES
+from salpchain.installation import install_command
 from salpchain.training.config import Mix
 from salpchain.training.presets import QUICK_STEPS, QUICK_STEPS_OF, choose
 from salpchain.training.run_folder import create
@@ -349,7 +350,7 @@ def test_a_missing_extra_is_named():
     code = "import sys; sys.modules['uvicorn'] = None; from salpchain.cli.main import run; "
     code += "sys.exit(run(['live', '--port', '0']))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and "pip install 'salpchain[live]'" in done.stderr
+    assert done.returncode == 2 and install_command("live") in done.stderr
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():

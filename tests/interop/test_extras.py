@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from salpchain.errors import InputError
+from salpchain.installation import install_command
 from salpchain.interop.extras import need
 
 EXTRAS = {
@@ -43,7 +44,7 @@ def test_every_bridge_names_the_command_for_what_is_missing():
     code = PROGRAM.format(packages=packages, bridges=list(EXTRAS))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert json.loads(done.stdout) == {
-        bridge: f"{package} is not installed: run pip install 'salpchain[{extra}]'"
+        bridge: f"{package} is not installed: run {install_command(extra)}"
         for bridge, (package, extra) in EXTRAS.items()
     }
 
