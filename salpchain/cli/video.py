@@ -45,7 +45,7 @@ class Video:
     grid: bool = False
     """Lengths 4, 8, 16, 32 and 64 at once."""
     size: Annotated[str, text_option("WIDTHxHEIGHT")] = ""
-    """In pixels. Default: 1280x720; 640x360 for a .gif; 480x480 for each moment of a strip."""
+    """In pixels. Default: 1280x720; 640x360 for a .gif; 320x220 for each moment of a strip."""
     speed: Decimal = ""
     """Seconds of swimming in each second of video. Default: 2; 4 for a .gif."""
     rate: Decimal = ""

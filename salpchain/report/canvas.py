@@ -4,6 +4,7 @@ Matplotlib's figures would draw a few frames each second; its rasteriser alone d
 """
 
 from collections.abc import Sequence
+from functools import cache, lru_cache
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -16,6 +17,32 @@ Colour = Sequence[float] | np.ndarray  # red, green, blue in [0, 1]
 Lines = Sequence[Float[np.ndarray, "point 2"]] | Float[np.ndarray, "line point 2"]
 
 _AS_GIVEN = IdentityTransform()
+
+
+@lru_cache(maxsize=4096)
+def text_width(words: str, size: float, bold: bool = False) -> float:
+    """Width (pixels) of a line of text as `Canvas.text` draws it."""
+    return float(_ruler().get_text_width_height_descent(words, _font(size, bold), False)[0])
+
+
+def shortened(words: str, room: float, size: float, bold: bool = False) -> str:
+    """The text, with its middle left out where it is wider than the room (pixels)."""
+    kept = len(words)
+    shown = words
+    while text_width(shown, size, bold) > room and kept > 1:
+        kept -= 1
+        tail = kept // 2
+        shown = f"{words[: kept - tail]}…{words[len(words) - tail :]}"
+    return shown
+
+
+@cache
+def _ruler() -> RendererAgg:
+    return RendererAgg(1, 1, 72)
+
+
+def _font(size: float, bold: bool) -> FontProperties:
+    return FontProperties(size=size, weight="bold" if bold else "normal")
 
 
 class Canvas:
@@ -60,9 +87,9 @@ class Canvas:
         self, x: float, y: float, words: str, size: float, colour: Colour, **look: bool
     ) -> None:
         """Words with their baseline's left end at x, y; `bold`, or `right` to end there."""
-        font = FontProperties(size=size, weight="bold" if look.get("bold") else "normal")
+        font = _font(size, look.get("bold", False))
         if look.get("right"):
-            x -= self._renderer.get_text_width_height_descent(words, font, False)[0]
+            x -= text_width(words, size, look.get("bold", False))
         self._pen.set_foreground(_rgb(colour))
         self._pen.set_alpha(1.0)
         self._renderer.draw_text(self._pen, x, self.height - y, words, font, 0)

@@ -8,10 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.report.canvas import Canvas
+from salpchain.report.canvas import Canvas, shortened, text_width
 from salpchain.report.shapes import (
     LINK_WIDTH,
     REACHED,
+    UNIT,
     jet_outlines,
     length_name,
     place_colours,
@@ -22,6 +23,8 @@ from salpchain.report.shapes import (
 DEEP, SHALLOW = np.array([8, 29, 48]) / 255, np.array([17, 66, 92]) / 255  # of the water
 INK, FAINT, GHOST = (0.95, 0.98, 1.0), (0.56, 0.72, 0.82), (0.47, 0.76, 0.92)
 DONE = (0.55, 0.95, 0.68)
+SHINE = 0.18  # how far the middle of a unit is lighter than its rim (chosen)
+SPECK = 2.4  # pixels, of the smallest unit that is drawn as a box (chosen)
 TRAIL = 6.0  # s of the centroid's way that glow strongest (chosen)
 
 
@@ -37,7 +40,11 @@ class Box:
 
 @dataclass(frozen=True)
 class Scene:
-    """A trajectory and the rectangle in which it is shown, whole."""
+    """A trajectory and the rectangle in which it is shown, whole.
+
+    With a title, its words, clock and scale bar are above and below the swim; with none, the swim
+    alone fills the rectangle.
+    """
 
     swim: Trajectory
     box: Box
@@ -52,7 +59,8 @@ class Scene:
     def scale(self) -> float:
         """Pixels for a metre: everything that happens fits between the words."""
         low, high = self._reach
-        room = np.array([self.box.width, self.box.height - 5.2 * self.text_size])
+        words = 5.2 * self.text_size if self.title else 0.0
+        room = np.array([self.box.width, self.box.height - words])
         return float((room / (high - low)).min())
 
     @cached_property
@@ -74,8 +82,9 @@ class Scene:
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Where points (m) are on the canvas (pixels)."""
+        lowered = self.text_size if self.title else 0.0
         middle = np.array(
-            [self.box.x + self.box.width / 2, self.box.y + self.box.height / 2 - self.text_size]
+            [self.box.x + self.box.width / 2, self.box.y + self.box.height / 2 - lowered]
         )
         return (points @ self._turn.T - self._reach.mean(axis=0)) * self.scale + middle
 
@@ -84,15 +93,38 @@ class Scene:
         canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
         target = self.at(self.swim.target)
         canvas.lines([target], GHOST, 2 * REACHED * self.scale, alpha=0.13)
+        if not self.title:
+            return
         size, left = self.text_size, self.box.x + self.text_size
-        top = self.box.y + self.box.height
-        canvas.text(left, top - 1.9 * size, self.title, 1.25 * size, INK, bold=True)
-        canvas.text(left + 3.3 * size, self._words_at, "s", size, FAINT)
-        canvas.text(left + 7.7 * size, self._words_at, "cm to the target", size, FAINT)
-        self._draw_scale_bar(canvas)
+        top, room = self.box.y + self.box.height - 1.9 * size, self.box.width - 2 * size
+        title = shortened(self.title, room, 1.25 * size, bold=True)
+        canvas.text(left, top, title, 1.25 * size, INK, bold=True)
+        canvas.text(self._columns["s"], self._words_at, "s", size, FAINT)
+        canvas.text(self._columns["unit"], self._words_at, self._unit, size, FAINT)
+        self.draw_scale_bar(canvas, size)
 
-    def _draw_scale_bar(self, canvas: Canvas) -> None:
-        bar, size = round_length(self.box.width / self.scale / 5), self.text_size
+    @cached_property
+    def _unit(self) -> str:
+        """What follows the distance: the shorter words where the longer ones have no room."""
+        long, size = "cm to the target", self.text_size
+        end = self._columns["unit"] + text_width(long, size) + size
+        end += 0.8 * size + text_width("reached", size, bold=True)
+        return long if end <= self.box.x + self.box.width else "cm"
+
+    @cached_property
+    def _columns(self) -> dict[str, float]:
+        """Where clock and distance end and their units begin (pixels), for the widest numbers."""
+        size, swim = self.text_size, self.swim
+        widest = (f"{swim.duration:.1f}", f"{100 * swim.distance.max():.1f}")
+        clock, apart = (text_width("0" * len(number), size) for number in widest)
+        time = self.box.x + size + clock
+        seconds = time + 0.3 * size
+        distance = seconds + text_width("s", size) + size + apart
+        return {"time": time, "s": seconds, "distance": distance, "unit": distance + 0.3 * size}
+
+    def draw_scale_bar(self, canvas: Canvas, size: float) -> None:
+        """A round length in the lower right corner, with its name in this size (pixels)."""
+        bar = round_length(self.box.width / self.scale / 5)
         right, low = self.box.x + self.box.width - size, self.box.y + size
         ends = np.array([[right - bar * self.scale, low], [right, low]])
         ticks = ends[:, None] + np.array([[0, -0.25], [0, 0.25]]) * size
@@ -115,7 +147,8 @@ class Scene:
         if now < self.swim.steps:
             self._draw_jets(canvas, position, angle, self.swim.thrust[int(now)])
         self._draw_chain(canvas, position, angle)
-        self._draw_words(canvas, now)
+        if self.title:
+            self._draw_words(canvas, now)
 
     def _draw_trail(self, canvas: Canvas, now: float) -> None:
         """The centroid's way up to now, brightest where it was last."""
@@ -145,6 +178,9 @@ class Scene:
         way, width = self.at(position), max(1.6, LINK_WIDTH * self.scale)
         canvas.lines([way], DEEP, 1.7 * width, alpha=0.55)
         canvas.lines([way], (0.82, 0.90, 0.94), width)
+        if UNIT[0] * self.scale < SPECK:
+            _draw_specks(canvas, way)
+            return
         outlines = self.at(unit_outlines(position, angle))
         canvas.lines(
             np.concatenate([outlines, outlines[:, :1]], 1), DEEP, max(1.0, 0.3 * width), alpha=0.7
@@ -152,23 +188,33 @@ class Scene:
         for outline, colour in zip(outlines, place_colours(len(outlines)), strict=True):
             canvas.fill(outline[None], colour)
         shine = outlines.mean(axis=1, keepdims=True)
-        canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=0.18)
+        canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=SHINE)
 
     def _draw_words(self, canvas: Canvas, now: float) -> None:
         """The numbers of clock and distance; the goal in words once it is reached."""
-        size, left, low = self.text_size, self.box.x + self.text_size, self._words_at
+        size, low, at = self.text_size, self._words_at, self._columns
         apart = 100 * float(_between(self.swim.distance, now))
         arrived = self.swim.success and now >= self.swim.steps
         colour = DONE if arrived else INK
-        canvas.text(left + 3 * size, low, f"{now * self.swim.dt:.1f}", size, colour, right=True)
-        canvas.text(left + 7.4 * size, low, f"{apart:.1f}", size, colour, right=True)
-        if arrived:
-            canvas.text(left + 17 * size, low, "reached", size, DONE, bold=True)
+        canvas.text(at["time"], low, f"{now * self.swim.dt:.1f}", size, colour, right=True)
+        canvas.text(at["distance"], low, f"{apart:.1f}", size, colour, right=True)
+        after = at["unit"] + text_width(self._unit, size) + 0.8 * size
+        right = self.box.x + self.box.width - size
+        if arrived and after + text_width("reached", size, bold=True) <= right:
+            canvas.text(after, low, "reached", size, DONE, bold=True)
 
     @property
     def _words_at(self) -> float:
         """Height of the line with clock and distance (pixels)."""
         return self.box.y + self.box.height - 3.5 * self.text_size
+
+
+def _draw_specks(canvas: Canvas, way: np.ndarray) -> None:
+    """A chain whose units are too small to be seen: each as a piece of a line in its colour."""
+    middle = (way[1:] + way[:-1]) / 2
+    ends = np.concatenate([way[:1], middle, way[-1:]])
+    for start, end, colour in zip(ends[:-1], ends[1:], place_colours(len(way)), strict=True):
+        canvas.lines([np.stack([start, end])], colour, SPECK)
 
 
 def _between(values: np.ndarray, now: float) -> Any:
@@ -178,23 +224,27 @@ def _between(values: np.ndarray, now: float) -> Any:
     return (1 - part) * values[first] + part * values[last]
 
 
-def water(canvas: Canvas, boxes: list[Box]) -> None:
-    """Water in each rectangle, lighter above; dark between them."""
+def water(canvas: Canvas, boxes: list[Box], dither: bool = True) -> None:
+    """Water in each rectangle, lighter above; dark between them.
+
+    Dithering hides the steps between its shades; without it a picture takes far less space.
+    """
     height, width = canvas.height, canvas.width
     pixels = np.empty((height, width, 4), np.uint8)
     pixels[:] = (*(255 * 0.5 * DEEP).astype(int), 255)
     for box in boxes:
         top, left = round(height - box.y - box.height), round(box.x)
         rows, columns = round(box.height), round(box.width)
-        pixels[top : top + rows, left : left + columns, :3] = 255 * _water(rows, columns)
+        pixels[top : top + rows, left : left + columns, :3] = 255 * _water(rows, columns, dither)
     canvas.paste(pixels)
 
 
-def _water(rows: int, columns: int) -> Float[np.ndarray, "row column 3"]:
-    """A gradient with light from above, broken by a few slow waves; dithered against bands."""
+def _water(rows: int, columns: int, dither: bool) -> Float[np.ndarray, "row column 3"]:
+    """A gradient with light from above, broken by a few slow waves."""
     y, x = np.mgrid[0:rows, 0:columns] / max(rows, 1)
     light = np.exp(-1.5 * y - 0.6 * (x - 0.3) ** 2)
     waves = np.sin(9 * x + 4 * np.sin(3 * y)) * np.sin(7 * y + 3 * np.sin(4 * x + 1))
-    noise = np.random.default_rng(0).uniform(-0.5, 0.5, (rows, columns)) / 255
+    spread = 0.5 if dither else 0.0
+    noise = np.random.default_rng(0).uniform(-spread, spread, (rows, columns)) / 255
     share = np.clip(light + 0.035 * waves, 0, 1)[..., None]
     return np.clip(DEEP + share * (SHALLOW - DEEP) + noise[..., None], 0, 1)

@@ -14,14 +14,16 @@ from salpchain.evaluation.trajectory import Trajectory
 from salpchain.files import StrPath, write_bytes
 from salpchain.installation import install_command
 from salpchain.report.canvas import Canvas
-from salpchain.report.scene import Box, Scene, water
+from salpchain.report.scene import DONE, INK, SHINE, Box, Scene, water
+from salpchain.report.shapes import place_colours
+from salpchain.report.strip import strip
 
 SUFFIXES = (".mp4", ".gif", ".png")
 SMALLEST, LARGEST = 64, 4096  # pixels, of a side of a video
 REST = 1.0  # s that the last moment stays (chosen)
 GAP = 6  # pixels between panels
-MOMENTS = 6  # of a strip (chosen)
 COLOURS = 128  # of a GIF (chosen)
+PLACES = 16  # shades of a chain among them (chosen)
 SQUARENESS = 1.5  # wanted width of a panel for its height (chosen)
 
 Pixels = UInt8[np.ndarray, "height width 4"]
@@ -58,7 +60,7 @@ class Film:
             raise InputError(f"speed must be 0.05 to 100, got {self.speed}")
 
 
-DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(480, 480)}
+DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(320, 220)}
 
 
 def write_video(
@@ -69,8 +71,8 @@ def write_video(
 ) -> Path:
     """The trajectories side by side in one video; returns its path.
 
-    The suffix chooses the form: `.mp4`, `.gif` (goes round for ever), or `.png`: a strip of
-    moments from the start to the end, each as large as the film.
+    The suffix chooses the form: `.mp4`, `.gif` (goes round for ever), or `.png`: a strip with a
+    row for each swim, of moments from its start to its end, each as large as the film.
 
     Raises:
         InputError: no trajectories, an unknown suffix, or PyAV is missing and an MP4 is wanted.
@@ -82,7 +84,7 @@ def write_video(
         raise InputError("a video needs at least one trajectory")
     film = film or DEFAULTS[suffix]
     if suffix == ".png":
-        content = _strip(swims, film)
+        content = strip(swims, film.width, film.height)
     else:
         write = _mp4 if suffix == ".mp4" else _gif
         content = write(_told(frames(swims, film), num_frames(swims, film), progress), film)
@@ -204,7 +206,7 @@ def _gif(made: Iterator[Pixels], film: Film) -> bytes:
     from PIL import Image
 
     images = [Image.fromarray(pixels[..., :3].copy()) for pixels in made]
-    palette = images[len(images) // 2].quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    palette = _palette(images[len(images) // 2])
     plain = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     content = io.BytesIO()
     plain[0].save(
@@ -214,18 +216,16 @@ def _gif(made: Iterator[Pixels], film: Film) -> bytes:
     return content.getvalue()
 
 
-def _strip(swims: Sequence[Trajectory], film: Film) -> bytes:
-    """Moments side by side, two lines of them where they would be too wide together."""
+def _palette(image: Any) -> Any:
+    """Colours of a picture, with those of chains and words, too few pixels to be chosen."""
     from PIL import Image
 
-    picture = Picture(swims, film)
-    longest = max(swim.duration for swim in swims)
-    moments = [picture.at(part * longest)[..., :3].copy() for part in np.linspace(0, 1, MOMENTS)]
-    per_line = MOMENTS if MOMENTS * film.width <= LARGEST else MOMENTS // 2
-    lines = [np.hstack(moments[i : i + per_line]) for i in range(0, MOMENTS, per_line)]
-    content = io.BytesIO()
-    Image.fromarray(np.vstack(lines)).save(content, "png")
-    return content.getvalue()
+    places = place_colours(PLACES)
+    kept = np.vstack([places, places + SHINE * (1 - places), INK, DONE])
+    chosen = image.quantize(COLOURS - len(kept), Image.Quantize.MEDIANCUT).getpalette()
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*chosen, *np.round(255 * kept).astype(int).ravel().tolist()])
+    return palette
 
 
 def with_defaults(out: StrPath, **given: Any) -> Film:

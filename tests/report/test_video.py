@@ -1,6 +1,6 @@
 """Videos: what is in the files, decoded again, and what is drawn where."""
 
-import io
+import itertools
 import sys
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from salpchain.errors import InputError
+from salpchain.report.canvas import Canvas, text_width
 from salpchain.report.scene import Box, Scene
 from salpchain.report.shapes import (
     jet_outlines,
@@ -58,7 +59,7 @@ def test_an_mp4_holds_every_frame_in_the_stated_size_and_rate(tmp_path):
     assert told[0] == 0 and max(told) < 1
 
 
-def test_a_gif_goes_round_for_ever_and_a_strip_shows_moments_side_by_side(tmp_path):
+def test_a_gif_goes_round_for_ever(tmp_path):
     path = write_video([swim(3, times=9)], tmp_path / "x.gif", SMALL, quiet)
     with Image.open(path) as image:
         assert image.info["loop"] == 0
@@ -67,17 +68,51 @@ def test_a_gif_goes_round_for_ever_and_a_strip_shows_moments_side_by_side(tmp_pa
         assert sum(shown) == 100 * num_frames([swim(3, times=9)], SMALL)
         assert shown[:3] == [100, 100, 100]
         assert len(image.convert("RGB").getcolors(10**6)) <= COLOURS
-    path = write_video([swim(3)], tmp_path / "x.png", Film(200, 100), quiet)
+
+
+def test_a_gif_keeps_the_colours_of_chains_that_are_few_of_its_pixels(tmp_path):
+    swims = [swim(n, times=20) for n in (8, 40)]
+    path = write_video(swims, tmp_path / "x.gif", Film(640, 360, 10.0, 8.0), quiet)
     with Image.open(path) as image:
-        assert image.size == (6 * 200, 100)
-        strip = np.asarray(image)
-    assert not np.array_equal(strip[:, :200], strip[:, -200:])
+        pixels = np.asarray(image.convert("RGB"))
+    for colour in place_colours(6):
+        assert near(pixels, colour, apart=30) > 10
+
+
+@pytest.mark.parametrize("film", [Film(320, 180), Film(640, 360), Film(1280, 720)])
+def test_words_of_a_panel_never_run_together(film, monkeypatch):
+    """Not even at 64 units, whose distances have more digits, nor with long names."""
+    words = []
+
+    def text(_, x, y, line, size, colour, bold=False, right=False):
+        width = text_width(line, size, bold)
+        words.append((line, x - width if right else x, y, x if right else x + width, y + size))
+
+    monkeypatch.setattr(Canvas, "text", text)
+    far = made(
+        np.linspace(0, 12, 600)[:, None, None] * np.ones((600, 2, 2)), np.zeros((600, 2)),
+        np.array([[12, 12], [12.07, 12]]), policy="studies/a-very-long-name/of/some/run" * 3,
+    )  # fmt: skip
+    for count in (1, 2, 5):
+        words.clear()
+        Picture([far] * count, film).at(60.0)
+        assert len(words) >= 6 * count
+        for one, other in itertools.combinations(words, 2):
+            apart = one[1] >= other[3] or other[1] >= one[3] or one[2] >= other[4]
+            assert apart or other[2] >= one[4], (one, other)
+        assert all(left >= 0 and right <= film.width for _, left, _, right, _ in words)
+
+
+def test_a_chain_too_far_away_for_boxes_is_still_seen_in_its_colours():
+    pixels = Picture([swim(64)], Film(320, 180)).at(2.0)
+    for colour in place_colours(6):
+        assert near(pixels, colour, apart=40) >= 5
 
 
 def test_every_unit_is_seen_in_the_colour_of_its_place_where_it_is():
     one = swim(6)
     picture = Picture([one], Film(960, 540))
-    scene = Scene(one, Box(0.0, 0.0, 960.0, 540.0), "")
+    scene = Scene(one, Box(0.0, 0.0, 960.0, 540.0), "words")
     for time in (0.0, 2.0):
         pixels = picture.at(time)
         index = round(time / one.dt)
@@ -192,9 +227,3 @@ def test_an_unknown_suffix_is_refused_and_a_missing_pyav_named(tmp_path, monkeyp
 @pytest.mark.parametrize(("given", "bar"), [(0.13, 0.1), (0.2, 0.2), (4.9, 2), (12.0, 10)])
 def test_scale_bars_have_round_lengths(given, bar):
     assert round_length(given) == pytest.approx(bar)
-
-
-def test_a_png_of_the_strip_is_whole(tmp_path):
-    path = write_video([swim(2, times=2)], tmp_path / "x.png", Film(1280, 720), quiet)
-    with Image.open(io.BytesIO(path.read_bytes())) as image:
-        assert image.size == (3 * 1280, 2 * 720)  # two lines where one would be too wide
