@@ -37,9 +37,10 @@ def page(swims: Sequence[Trajectory]) -> str:
     parts = {
         "style": read("look.css") + read("replay.css"),
         "drawing": read("drawing.js"),
+        "curves": read("curves.js"),
         "script": read("replay.js"),
     }
-    scripts = " ".join(_digest(parts[name]) for name in ("drawing", "script"))
+    scripts = " ".join(_digest(parts[name]) for name in ("drawing", "curves", "script"))
     words = parts | {
         "policy": f"default-src 'none'; script-src {scripts}; style-src {_digest(parts['style'])}",
         "title": html.escape(f"{swims[0].policy} - salpchain replay"),

@@ -1,6 +1,7 @@
 """The replay page: in Python its data, in a real browser what a person does with it."""
 
 import base64
+import itertools
 import json
 import re
 
@@ -42,7 +43,7 @@ def test_512_steps_of_64_units_take_less_than_a_megabyte():
 def test_a_name_that_looks_like_html_stays_a_name():
     evil = "</script><script>alert(1)</script><!--{{script}}"
     text = page([swim(3, policy=evil)])
-    assert text.count("<script") == 3 and evil not in text
+    assert text.count("<script") == 4 and evil not in text
     assert data_of(text)[0]["policy"] == evil
 
 
@@ -132,7 +133,8 @@ def test_wheel_drag_scrub_and_curves_obey_the_mouse(browser, places):
         page.mouse.up()
         assert page.evaluate("replay.swims[0].camera.x") < before[0]
         curves = page.locator("#curves").bounding_box()
-        page.mouse.click(curves["x"] + curves["width"] / 2, curves["y"] + 40)
+        left, width = page.evaluate("[replay.state.curves.left, replay.state.curves.width]")
+        page.mouse.click(curves["x"] + left + width / 2, curves["y"] + 40)
         assert time_of(page) == pytest.approx(2.95, abs=0.02)
         page.locator("#scrub").fill("1.5")
         assert time_of(page) == 1.5 and page.inner_text("#play") == "Play"
@@ -171,3 +173,80 @@ def test_two_swims_side_by_side_on_a_phone_in_light(browser, places):
 def test_it_stands_still_at_first_for_whoever_wants_less_motion(browser, places):
     with watched(browser, places["one"], reduced_motion="reduce") as page:
         assert page.inner_text("#play") == "Play" and time_of(page) == 0
+
+
+def overlap(one, other):
+    (_, x, y, width, height), (_, u, v, wide, high) = one, other
+    return x < u + wide and u < x + width and y < v + high and v < y + height
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (390, 780), (320, 500)])
+@pytest.mark.parametrize("name", ["one", "both"])
+def test_curves_have_panels_of_their_own_with_round_ticks_from_zero(browser, places, size, name):
+    width, height = size
+    look = {"viewport": {"width": width, "height": height}, "reduced_motion": "reduce"}
+    with watched(browser, places[name], **look) as page:
+        until(page, "replay.state.texts && replay.state.texts.length > 5")
+        placed, texts = page.evaluate("[replay.state.curves, replay.state.texts]")
+        room = page.locator("#curves").bounding_box()
+    upper, lower = placed["panels"]
+    assert upper["y"] + upper["height"] < lower["y"]
+    written = [text for text, *_ in texts]
+    assert {upper["title"], lower["title"], "0.5 N", "1 N"} <= set(written)
+    for panel in (upper, lower):
+        assert panel["ticks"][0] == 0 and panel["ticks"][-1] == panel["top"] >= panel["most"]
+        assert f"{panel['ticks'][-1]:g} {panel['unit']}" in written
+        for line in panel["lines"]:
+            assert all(0 <= value <= panel["top"] for value in line["values"])
+    for ticks in (upper["ticks"], lower["ticks"], placed["times"]):
+        steps = np.diff(ticks)
+        np.testing.assert_allclose(steps, steps[0])
+        assert round(steps[0] / 10 ** np.floor(np.log10(steps[0]) + 1e-9), 6) in (1, 2, 5)
+    for one, other in itertools.combinations(texts, 2):
+        assert not overlap(one, other), (one, other)
+    for _, x, y, wide, high in texts:
+        assert x >= 0 and x + wide <= room["width"] and y >= 0 and y + high <= room["height"]
+
+
+def test_curves_tell_the_distance_and_the_strength_that_the_swim_had(browser, places):
+    one = swim(6, times=60)
+    with watched(browser, places["one"], reduced_motion="reduce") as page:
+        until(page, "replay.state.curves")
+        upper, lower = page.evaluate("replay.state.curves.panels.map((p) => p)")
+        values = [
+            page.evaluate(f"[...replay.state.curves.panels[{k}].lines[0].values]") for k in (0, 1)
+        ]
+    factor = {"m": 1, "cm": 100}[upper["unit"]]
+    np.testing.assert_allclose(values[0], factor * one.distance, rtol=1e-5)
+    np.testing.assert_allclose(values[1], np.abs(one.thrust).mean(axis=1), atol=0.005)
+    assert lower["unit"] == "N"
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 600), (390, 1000)])
+@pytest.mark.parametrize("bearing", [0.4, 2.5, -2.0])
+def test_the_way_to_the_target_runs_along_the_longer_side(
+    browser, tmp_path, width, height, bearing
+):
+    one = swim(6, bearing, times=60)
+    place = write_replay([one], tmp_path / "turned.html").as_uri()
+    look = {"viewport": {"width": width, "height": height}, "reduced_motion": "reduce"}
+    with watched(browser, place, **look) as page:
+        until(page, "replay.swims[0].camera.box[2] > 1 && replay.swims[0].camera.scale != 400")
+        ends = [one.unit_position[0].mean(axis=0).tolist(), one.target.mean(axis=0).tolist()]
+        (x, y), (u, v) = (page.evaluate(ON_SCREEN, end) for end in ends)
+        back = page.evaluate(BACK, ends[0])
+        left, top, wide, high = page.evaluate("replay.swims[0].camera.box")
+        everything = [
+            page.evaluate(ON_SCREEN, p) for p in one.unit_position[::20].reshape(-1, 2).tolist()
+        ]
+    np.testing.assert_allclose(back, ends[0], atol=1e-9)
+    if width > height:
+        assert u > x + 100 and v == pytest.approx(y, abs=2)
+    else:
+        assert v < y - 60 and u == pytest.approx(x, abs=2)
+    for px, py in everything:
+        assert left < px < left + wide and top < py < top + high
+
+
+ON_SCREEN = "(place) => replay.swims[0].camera.toScreen(...place)"
+BACK = "(place) => { const c = replay.swims[0].camera; return c.toWorld(...c.toScreen(...place)); }"

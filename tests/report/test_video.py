@@ -217,7 +217,7 @@ def test_an_unknown_suffix_is_refused_and_a_missing_pyav_named(tmp_path, monkeyp
     with pytest.raises(InputError, match=r"\.mp4, \.gif or \.png"):
         write_video([swim(2)], tmp_path / "x.avi", SMALL, quiet)
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"salpchain\[video\]"):
+    with pytest.raises(InputError, match=r"\[video\]"):
         check_suffix(tmp_path / "x.mp4")
     with pytest.raises(InputError, match="at least one"):
         write_video([], tmp_path / "x.gif", SMALL, quiet)

@@ -28,17 +28,22 @@ const Salp = (() => {
     return `rgb(${mix.join(",")})`;
   }
 
+  // Sees the world turned by an angle (rad, anticlockwise).
   class Camera {
-    constructor() { this.x = 0; this.y = 0; this.scale = 400; this.box = [0, 0, 1, 1]; }
+    constructor() { this.x = 0; this.y = 0; this.scale = 400; this.turn = 0; this.box = [0, 0, 1, 1]; }
+    turned(x, y, turn = this.turn) {
+      const cos = Math.cos(turn), sin = Math.sin(turn);
+      return [cos * x - sin * y, sin * x + cos * y];
+    }
     toScreen(x, y) {
-      const [left, top, width, height] = this.box;
-      return [left + width / 2 + (x - this.x) * this.scale,
-        top + height / 2 - (y - this.y) * this.scale];
+      const [left, top, width, height] = this.box, [u, v] = this.turned(x - this.x, y - this.y);
+      return [left + width / 2 + u * this.scale, top + height / 2 - v * this.scale];
     }
     toWorld(px, py) {
       const [left, top, width, height] = this.box;
-      return [(px - left - width / 2) / this.scale + this.x,
-        (top + height / 2 - py) / this.scale + this.y];
+      const u = (px - left - width / 2) / this.scale, v = (top + height / 2 - py) / this.scale;
+      const [x, y] = this.turned(u, v, -this.turn);
+      return [x + this.x, y + this.y];
     }
     zoom(factor, px, py) {
       const before = this.toWorld(px, py);
@@ -47,18 +52,24 @@ const Salp = (() => {
       this.x += before[0] - after[0];
       this.y += before[1] - after[1];
     }
-    pan(dx, dy) { this.x -= dx / this.scale; this.y += dy / this.scale; }
+    pan(dx, dy) {
+      const [x, y] = this.turned(dx / this.scale, -dy / this.scale, -this.turn);
+      this.x -= x;
+      this.y -= y;
+    }
     // Where all points are seen, with a margin in metres.
     whole(points, margin = 0.15, most = 900) {
       let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
-      for (const [x, y] of points) {
+      for (const point of points) {
+        const [x, y] = this.turned(...point);
         left = Math.min(left, x); right = Math.max(right, x);
         low = Math.min(low, y); high = Math.max(high, y);
       }
       if (!(right >= left)) return { x: 0, y: 0, scale: 400 };
       const [, , width, height] = this.box;
       const scale = Math.min(width / (right - left + 2 * margin), height / (high - low + 2 * margin));
-      return { x: (left + right) / 2, y: (low + high) / 2, scale: Math.min(scale, most) };
+      const [x, y] = this.turned((left + right) / 2, (low + high) / 2, -this.turn);
+      return { x, y, scale: Math.min(scale, most) };
     }
     fit(points, margin) { Object.assign(this, this.whole(points, margin)); }
   }
@@ -88,12 +99,12 @@ const Salp = (() => {
     fill.addColorStop(1, look.bottom);
     ctx.fillStyle = fill;
     ctx.fillRect(left, top, width, height);
-    const time = still.matches ? 0 : seconds;
+    const time = still.matches ? 0 : seconds, [cameraX, cameraY] = camera.turned(camera.x, camera.y);
     for (const speck of specks) {
       const wander = 0.02 * Math.sin(time * 0.5 + 40 * speck.x);
       const shift = camera.scale * speck.near * 0.5;
-      const x = speck.x * width + (current[0] * time - camera.x + wander) * shift;
-      const y = speck.y * height + (camera.y - current[1] * time + 0.6 * wander) * shift;
+      const x = speck.x * width + (current[0] * time - cameraX + wander) * shift;
+      const y = speck.y * height + (cameraY - current[1] * time + 0.6 * wander) * shift;
       const [px, py] = [((x % width) + width) % width, ((y % height) + height) % height];
       ctx.fillStyle = `rgba(${look.speck}, ${0.10 + 0.22 * speck.near})`;
       ctx.beginPath();
@@ -122,7 +133,7 @@ const Salp = (() => {
     const [w, h] = [UNIT[0] * s + grow, UNIT[1] * s + grow];
     ctx.save();
     ctx.translate(px, py);
-    ctx.rotate(-angle);
+    ctx.rotate(-angle - camera.turn);
     ctx.beginPath();
     ctx.roundRect(-w / 2, -h / 2, w, h, CORNER * s + grow / 2);
     ctx.restore();
@@ -179,7 +190,7 @@ const Salp = (() => {
     const rim = (UNIT[1] / 2 - 0.003) * s, reach = JET * size * flicker * s;
     ctx.save();
     ctx.translate(px, py);
-    ctx.rotate(-unit.angle);
+    ctx.rotate(-unit.angle - camera.turn);
     ctx.scale(1, side);
     const fade = ctx.createLinearGradient(0, rim, 0, rim + reach);
     fade.addColorStop(0, `rgba(${look.jet}, 0.95)`);

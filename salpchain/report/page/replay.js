@@ -61,9 +61,25 @@
     return points;
   }
 
+  // Turns the way to the target along the longer side of a view, to the right or upwards.
+  function turnOf(swim, [, , width, height]) {
+    const [x, y] = swim.centroid[0], count = swim.target.length;
+    const goal = [0, 1].map((axis) => swim.target.reduce((sum, point) => sum + point[axis], 0) / count);
+    return (width >= height ? 0 : Math.PI / 2) - Math.atan2(goal[1] - y, goal[0] - x);
+  }
+
+  // Everything that happens, below the words and above the scale bar.
   function fit() {
-    const points = swims.map(reach);
-    swims.forEach((swim, k) => swim.camera.fit(together ? points.flat() : points[k]));
+    const points = swims.map(reach), turn = turnOf(swims[0], swims[0].camera.box);
+    swims.forEach((swim, k) => {
+      const { camera } = swim, [left, top, width, height] = camera.box;
+      camera.turn = together ? turn : turnOf(swim, camera.box);
+      const above = Math.min(swims.length > 1 ? 50 : 34, height / 3), below = Math.min(28, height / 6);
+      camera.box = [left, top + above, width, height - above - below];
+      camera.fit(together ? points.flat() : points[k], 0.09);
+      camera.box = [left, top, width, height];
+      camera.pan(0, (above - below) / 2);
+    });
     state.touched = false;
   }
 
@@ -87,7 +103,7 @@
   function share(camera) {
     state.touched = true;
     if (together) for (const { camera: other } of swims) {
-      [other.x, other.y, other.scale] = [camera.x, camera.y, camera.scale];
+      [other.x, other.y, other.scale, other.turn] = [camera.x, camera.y, camera.scale, camera.turn];
     }
   }
 
@@ -122,49 +138,41 @@
     ctx.font = "600 15px system-ui, sans-serif";
     ctx.fillStyle = look.ink;
     if (swims.length > 1) {
-      ctx.fillText(name(swim), left + 34, top + 24);
+      ctx.fillText(name(swim), left + 34, top + 24, width - 44);
       ctx.fillStyle = LINES[swims.indexOf(swim) % LINES.length];
       ctx.fillRect(left + 14, top + 17, 14, 4);
     }
     ctx.font = "14px system-ui, sans-serif";
     ctx.fillStyle = done ? look.done : look.faint;
     const apart = `${(100 * swim.distance[Math.floor(now)]).toFixed(1)} cm to the target`;
-    ctx.fillText(apart + (done ? ", reached" : ""), left + 14, top + (swims.length > 1 ? 44 : 24));
+    ctx.fillText(apart + (done ? ", reached" : ""), left + 14, top + (swims.length > 1 ? 44 : 24), width - 24);
     ctx.restore();
   }
 
-  function drawCurve(ctx, values, most, box, colour, dt) {
-    const [left, top, width, height] = box;
-    ctx.beginPath();
-    values.forEach((value, t) => {
-      const x = left + (t * dt / end) * width, y = top + height * (1 - value / most);
-      if (t) ctx.lineTo(x, y); else ctx.moveTo(x, y);
-    });
-    Salp.stroke(ctx, colour, 1.8);
+  // Mean distance in centimetres where a metre would be too much of a unit for it.
+  function panels() {
+    const most = Math.max(...swims.map((s) => Math.max(...s.distance)), 0.001);
+    const [unit, factor] = most < 1 ? ["cm", 100] : ["m", 1];
+    const lines = (valuesOf) => swims.map((swim, k) => (
+      { values: valuesOf(swim), dt: swim.dt, colour: LINES[k % LINES.length] }));
+    return [
+      { title: "Mean distance to the target", unit, most: factor * most,
+        lines: lines((swim) => swim.distance.map((value) => factor * value)) },
+      { title: "Mean strength of the thrusts", unit: "N", most: 1, lines: lines((swim) => swim.effort) },
+    ];
   }
+  const shown = panels();
 
   function drawCurves() {
     const ctx = curves.getContext("2d"), { clientWidth: width, clientHeight: height } = curves;
-    const style = getComputedStyle(document.body), ink = style.getPropertyValue("--ink");
-    const most = Math.max(...swims.map((s) => Math.max(...s.distance)), 1e-6);
-    const half = (height - 14) / 2;
-    const boxes = [[16, 6, width - 32, half - 6], [16, half + 12, width - 32, half - 6]];
+    const style = getComputedStyle(document.body), colour = (name) => style.getPropertyValue(name).trim();
+    const look = {
+      ink: colour("--ink"), faint: colour("--faint"), line: colour("--line"), axis: colour("--faint"),
+      page: colour("--page"),
+    };
     ctx.clearRect(0, 0, width, height);
-    swims.forEach((swim, k) => {
-      const colour = LINES[k % LINES.length];
-      drawCurve(ctx, swim.distance, most, boxes[0], colour, swim.dt);
-      drawCurve(ctx, swim.effort, 1, boxes[1], colour, swim.dt);
-    });
-    ctx.fillStyle = ink;
-    ctx.font = "12px system-ui, sans-serif";
-    ctx.textAlign = "right";
-    ctx.fillText(`mean distance, up to ${most.toFixed(2)} m`, width - 16, 18);
-    ctx.fillText("mean thrust, up to 1 N", width - 16, half + 24);
-    ctx.textAlign = "left";
-    const x = 16 + (state.time / end) * (width - 32);
-    ctx.beginPath();
-    ctx.moveTo(x, 2); ctx.lineTo(x, height - 2);
-    Salp.stroke(ctx, ink, 1.2);
+    state.curves = Curves.layout(width, height, shown, end);
+    state.texts = Curves.draw(ctx, state.curves, state.time, look);
   }
 
   function draw() {
@@ -224,7 +232,7 @@
   get("keys").addEventListener("click", () => get("help").showModal());
   Salp.pointers(water, cameraAt, undefined, share);
   Salp.pointers(curves, cameraAt, (x) => {
-    const go = (px) => { play(false); seek(((px - 16) / (curves.clientWidth - 32)) * end); };
+    const go = (px) => { play(false); seek(Curves.timeAt(state.curves, px)); };
     go(x);
     return { move: go, end() {} };
   });
