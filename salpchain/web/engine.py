@@ -176,6 +176,7 @@ def _short(point: np.ndarray) -> list[float]:
 DEEDS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Place: lambda e, m: e.world.place(m.chain, m.x, m.y, m.turn),
     messages.Draw: lambda e, m: e.world.draw(m.chain, m.points),
+    messages.Target: lambda e, m: e.world.retarget(m.chain),
     messages.Grow: lambda e, m: e.world.grow(m.chain),
     messages.Shrink: lambda e, m: e.world.shrink(m.chain),
     messages.Thruster: lambda e, m: e.world.switch(m.chain, m.unit, m.on),

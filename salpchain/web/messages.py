@@ -34,6 +34,12 @@ class Draw(Message):
     points: Annotated[list[Point], Meta(min_length=2, max_length=LONGEST_DRAWING)]
 
 
+class Target(Message):
+    """Give a chain a new random target near it."""
+
+    chain: Count
+
+
 class Grow(Message):
     """Add a unit at a chain's end."""
 
@@ -113,8 +119,8 @@ class Reset(Message):
 
 
 Edit = (
-    Place | Draw | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Steer | Pause | Step
-    | Pace | Reset
+    Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Steer | Pause
+    | Step | Pace | Reset
 )  # fmt: skip
 _decoder = msgspec.json.Decoder(Edit)
 _encoder = msgspec.json.Encoder()

@@ -73,6 +73,16 @@ class World:
 
         self._change(name, aim)
 
+    def retarget(self, name: int) -> None:
+        """Gives a chain a new random target near it."""
+
+        def aim(one: Swimmer) -> Swimmer:
+            units = one.units[:, :2]
+            target = random_target(self._dice, one.length, units.mean(axis=0))
+            return swimmer.aimed(one, nearer_way_round(target, units))
+
+        self._change(name, aim)
+
     def grow(self, name: int) -> None:
         """Adds a unit at a chain's end."""
         one = self._find(name)

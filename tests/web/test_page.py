@@ -204,6 +204,7 @@ def test_the_keyboard_alone_is_enough(page):
         ("t", "live.chains[0].units[2][4] === 0"), ("x", "live.chains.length === 2"),
         ("n", "live.name === live.chains[1].name"), ("j", "live.chains.length === 1"),
         ("Shift+ArrowUp", "live.current[1] > 0.03"), ("c", "live.current[1] === 0"),
+        ("g", "live.chains[0].since < 0.5 && live.chains[0].distance > 0.1"),
         ("]", "live.pacing === 4"), ("[", "live.pacing === 2"), ("Space", "!live.paused"),
         ("r", "live.time < 3"), ("?", "document.getElementById('help').open"),
     ):  # fmt: skip

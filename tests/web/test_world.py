@@ -178,6 +178,7 @@ def test_turning_a_chain_round_changes_its_names_not_its_motion(world):
 
 BAD = [
     (lambda w: w.place(99, 0.0, 0.0, 0.0), "no chain 99"),
+    (lambda w: w.retarget(99), "no chain 99"),
     (lambda w: w.cut(only(w).name, 0), "at least 2 units"),
     (lambda w: w.cut(only(w).name, 9), "links 0 to 4"),
     (lambda w: w.switch(only(w).name, 6, True), "units 0 to 5"),
@@ -245,6 +246,21 @@ def test_placing_a_target_moves_and_turns_it_rigidly(world):
     np.testing.assert_allclose(after - after.mean(axis=0), turned, atol=1e-9)
     world.place(only(world).name, *before.mean(axis=0), 0.0)
     np.testing.assert_allclose(only(world).target, before, atol=1e-9)
+
+
+def test_a_new_target_is_near_the_chain_wherever_it_is_and_its_clock_starts_again(world):
+    world.place(only(world).name, 30.0, 0.0, 0.0)
+    far = _shifted(only(world), 30.0)
+    world.swimmers = [swimmer.replace(far, reached=True, arrived=7, since=9)]
+    seen = [far.target]
+    for _ in range(5):
+        world.retarget(far.name)
+        one = only(world)
+        assert 0.1 < one.distance < 1.0  # m; within reach of 6 units, and not where they are
+        assert (one.reached, one.arrived, one.since) == (False, None, 0)
+        assert one.units is far.units
+        assert min(np.abs(one.target - other).max() for other in seen) > 1e-3
+        seen.append(one.target)
 
 
 DICE = np.random.default_rng(0)

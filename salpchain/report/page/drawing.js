@@ -274,10 +274,14 @@ const Salp = (() => {
   }
 
   // Dragging with one pointer, pinching with two, the wheel. `grab` may take a drag for itself by
-  // returning {move(x, y), end()}; else the camera pans.
+  // returning {move(x, y), end()}; otherwise the camera pans. What it returns may take a second
+  // finger, too: where second(x, y) says so, hold(x, y) and then twist(x, y, turn) get the middle
+  // between both fingers and by how much they have turned (rad, anticlockwise).
   function pointers(canvas, cameraAt, grab = () => null, moved = () => {}) {
     const down = new Map();
     let taken = null;
+    const half = ([a, b]) => [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
+    const bearing = (a, b) => Math.atan2(b[1] - a[1], b[0] - a[0]);
     const place = (event) => {
       const box = canvas.getBoundingClientRect();
       return [event.clientX - box.left, event.clientY - box.top];
@@ -287,12 +291,18 @@ const Salp = (() => {
       const at = place(event);
       down.set(event.pointerId, at);
       if (down.size === 1) taken = grab(...at, event);
+      else if (down.size === 2 && taken?.second?.(...at)) taken.hold(...half([...down.values()]));
       else if (taken) { taken.end(); taken = null; }
     });
     canvas.addEventListener("pointermove", (event) => {
       const before = down.get(event.pointerId), at = place(event);
       if (!before) return;
       down.set(event.pointerId, at);
+      if (taken && down.size === 2) {
+        const [other] = [...down].filter(([id]) => id !== event.pointerId).map(([, p]) => p);
+        taken.twist(...half([at, other]), betweenAngles(0, bearing(other, before) - bearing(other, at), 1));
+        return;
+      }
       if (taken) { taken.move(...at); return; }
       const camera = cameraAt(...at);
       if (down.size === 2) {
@@ -305,7 +315,7 @@ const Salp = (() => {
     });
     const up = (event) => {
       down.delete(event.pointerId);
-      if (taken) { taken.end(); taken = null; }
+      if (taken) { taken.end(); taken = null; down.clear(); } // a finger that is left does nothing
     };
     canvas.addEventListener("pointerup", up);
     canvas.addEventListener("pointercancel", up);

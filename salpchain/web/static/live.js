@@ -141,7 +141,7 @@
     live.camera.zoom(factor, water.clientWidth / 2, water.clientHeight / 2);
   };
   live.follow = () => { live.following = true; };
-  live.help = () => get("help").showModal();
+  live.help = () => { get("help").showModal(); get("help").scrollTop = 0; };
   live.toast = (text, kind = "") => {
     get("toast").textContent = text;
     get("toast").hidden = false;
@@ -180,8 +180,21 @@
     const unit = live.unit === null ? "" : `unit ${live.unit + 1}${chain.units[live.unit]?.[4] ? "" : " (thruster off)"}`;
     say("hint", [which, unit].filter(Boolean).join(", ") || Tools.HINTS[live.tool]);
     banner(live.loading ? `Loading ${live.loading}: it swims in a moment` : "");
+    offer();
     say("health", `A step takes ${live.took} ms on the server.${lagWords()}`);
     buttons();
+  }
+
+  // A chain that is at its target, the chosen one first: what may come next, and the button for it.
+  function offer() {
+    const there = live.chains.filter(({ arrived }) => arrived !== null);
+    const chain = there.includes(live.chosen()) ? live.chosen() : there[0];
+    get("arrived").hidden = !chain;
+    get("hint").hidden = Boolean(chain);
+    live.offered = chain;
+    if (!chain) return;
+    const which = live.chains.length > 1 ? `Chain ${live.chains.indexOf(chain) + 1} arrived` : "Arrived";
+    say("arrival", `${which} in ${chain.arrived.toFixed(1)} s.`);
   }
 
   function lagWords() {
@@ -201,6 +214,7 @@
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-pressed", button.dataset.tool === live.tool);
     }
+    get("shapes").hidden = live.tool !== "target";
   }
 
   // --- drawing ----------------------------------------------------------------------------------
@@ -222,10 +236,10 @@
   function keepInView() {
     if (!live.following || live.sketch || live.held) return;
     const points = live.chains.flatMap((chain) => [...chain.units, ...live.targetOf(chain)]);
-    const { camera } = live, [left, top, width, height] = camera.box, words = 80; // pixels below
-    camera.box = [left, top, width, Math.max(height - words, 100)];
+    const { camera } = live, [left, top, width, height] = camera.box, above = 50, below = 70; // pixels
+    camera.box = [left, top, width, Math.max(height - above - below, 100)];
     const goal = camera.whole(points, 0.16, 700);
-    goal.y -= words / 2 / goal.scale;
+    goal.y += (above - below) / 2 / goal.scale;
     camera.box = [left, top, width, height];
     const share = live.frames < 3 ? 1 : 0.06;
     for (const key of ["x", "y", "scale"]) camera[key] = Salp.between(camera[key], goal[key], share);
@@ -345,6 +359,7 @@
   Salp.pointers(water, () => live.camera, (x, y) => Tools.GRABS[live.tool](live, x, y),
     () => { live.following = false; });
   document.addEventListener("keydown", (event) => {
+    document.documentElement.classList.add("keyboard");
     if (event.ctrlKey || event.metaKey || get("help").open) return;
     const on = document.activeElement, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (on.tagName === "SELECT" || (on.tagName === "BUTTON" && key === " ") || !Tools.KEYS[key]) return;
@@ -354,12 +369,16 @@
   for (const button of document.querySelectorAll("[data-tool]")) {
     button.addEventListener("click", () => { live.tool = button.dataset.tool; live.unit = null; words(); buttons(); });
   }
+  for (const button of document.querySelectorAll("[data-key]")) {
+    button.addEventListener("click", (event) => Tools.KEYS[button.dataset.key](live, event));
+  }
   const click = (id, act) => get(id).addEventListener("click", act);
   click("pause", () => live.send("pause", { on: !live.paused }));
   click("step", () => live.send("step"));
   click("reset", () => live.send("reset"));
   click("fit", live.follow);
   click("keys", live.help);
+  click("again", () => Tools.retarget(live, live.offered));
   click("join", () => Tools.join(live));
   click("grow", () => Tools.KEYS["+"](live));
   click("shrink", () => Tools.KEYS["-"](live));

@@ -68,14 +68,25 @@ const Tools = (() => {
     return null;
   }
 
+  const onTarget = (live, chain, px, py) => live.targetOf(chain).some(([x, y]) => {
+    const [sx, sy] = live.camera.toScreen(x, y);
+    return Math.hypot(sx - px, sy - py) < Math.max(NEAR, Salp.REACHED * live.camera.scale);
+  });
+
+  // One finger moves the target; a second one that is put on it turns it, too.
   function moving(live, chain, px, py) {
     live.select(chain);
-    const start = live.camera.toWorld(px, py), centre = middle(live.targetOf(chain));
+    let last = live.camera.toWorld(px, py);
+    const by = (x, y, turn) => {
+      const at = live.camera.toWorld(x, y), centre = middle(live.targetOf(chain));
+      place(live, chain, centre.map((v, i) => v + at[i] - last[i]), live.turnOf(chain) + turn);
+      last = at;
+    };
     return {
-      move(x, y) {
-        const at = live.camera.toWorld(x, y);
-        place(live, chain, centre.map((v, i) => v + at[i] - start[i]), live.turnOf(chain));
-      },
+      move: (x, y) => by(x, y, 0),
+      second: (x, y) => onTarget(live, chain, x, y),
+      twist: (x, y, turn) => by(x, y, turn),
+      hold(x, y) { last = live.camera.toWorld(x, y); },
       end() { live.release(); },
     };
   }
@@ -215,6 +226,14 @@ const Tools = (() => {
     return live.send("join", { chain: chain.name, other: others[0].name });
   }
 
+  // A new random target, which is brought into view: it may be far from where one looked.
+  function retarget(live, chain) {
+    if (!chain) return;
+    live.select(chain);
+    live.follow();
+    live.send("target", { chain: chain.name });
+  }
+
   const withChain = (live, kind, more = () => ({})) => {
     const chain = live.chosen();
     if (chain) live.send(kind, { chain: chain.name, ...more(chain) });
@@ -232,11 +251,12 @@ const Tools = (() => {
     x: (live) => withChain(live, "cut", (chain) => ({ link: Math.min(live.unit ?? Math.floor(chain.units.length / 2) - 1, chain.units.length - 2) })),
     j: join, t: toggle, k: kick, c: (live) => live.send("flow", { x: 0, y: 0 }),
     " ": (live) => live.send("pause", { on: !live.paused }), s: (live) => live.send("step"),
+    g: (live) => retarget(live, live.chosen()),
     "[": (live) => live.pace(-1), "]": (live) => live.pace(1), r: (live) => live.send("reset"),
     PageUp: (live) => live.zoom(1.25), PageDown: (live) => live.zoom(0.8), 0: (live) => live.follow(),
     "?": (live) => live.help(),
   };
   SHAPES.forEach((bend, i) => { KEYS[String(i + 1)] = (live) => shape(live, bend); });
 
-  return { GRABS, HINTS, KEYS, join, knob, middle };
+  return { GRABS, HINTS, KEYS, join, knob, middle, retarget };
 })();
