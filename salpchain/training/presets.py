@@ -14,7 +14,7 @@ EPISODE_STEPS = 512  # the paper's time limit
 QUICK_STEPS = (1_000_000, 31_250)
 QUICK_STEPS_OF = {("gt", "mixed"): (500_000, 93_750)}  # slower at 16 units, as fast at 8
 ENTROPY = 0.001  # weight of the entropy (nat) of a chain's actions, at the start
-# Of `quick` on several lengths (chosen; docs/any-length.md)
+# Of `quick` on several lengths (chosen; docs/any-length-log.md)
 MANY = 2  # times as many steps
 TIGHT = 0.02  # m, Frechet distance at which the target pose is taken
 FOLDED = 0.15  # share of episodes that start from a folded chain
