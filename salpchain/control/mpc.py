@@ -1,4 +1,6 @@
-"""Model-predictive control by sampling: a slow yardstick for short chains (docs/any-length-results.md).
+"""Model-predictive control by sampling, a slow yardstick for short chains.
+
+How it compares: docs/any-length-results.md.
 
 Random search with elites, as in the cross-entropy method (Rubinstein 1999; de Boer et al. 2005),
 but with spreads that shrink by a fixed factor. Smooth changes of the thrusts planned so far are
