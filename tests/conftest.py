@@ -11,7 +11,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
 LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
-LONG += ("test_docs",)
+LONG += ("test_docs", "test_pages", "test_wheel")
 
 
 def pytest_collection_modifyitems(items):
