@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
+from salpchain.cli.options import Folder, Lengths, Whole, number, positive, say, text_option
 from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
@@ -24,7 +24,7 @@ class Evaluate:
 
     mpc plans anew in every control step, which takes minutes for a few chains.
 
-    Example: salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
+    Example: salpchain evaluate runs/eight --lengths 4:64:4 --out results/eight
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
@@ -34,8 +34,8 @@ class Evaluate:
     """Lengths to play, the last included."""
     trials: Whole = "50"
     """Episodes of each length."""
-    time_limit: Annotated[str, text_option("fixed|scaled")] = "fixed"
-    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    time_limit: Annotated[str, text_option("scaled|fixed")] = "scaled"
+    """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     out: Folder = ""
@@ -59,6 +59,7 @@ def run(options: Evaluate) -> None:
     _check_whose(out, tested.card.name)
     from salpchain.cli.display import share_display
     from salpchain.devices import use_devices
+    from salpchain.evaluation import too_short
     from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
 
     use_devices()
@@ -68,6 +69,7 @@ def run(options: Evaluate) -> None:
 
     hardness = difficulty_table(summary)
     Console().print(table(summary), *([hardness] if hardness.row_count else []))
+    say(too_short.of_summary(summary))
     print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
 
 

@@ -61,7 +61,7 @@ options:
 
 example:
   salpchain train --length 8 --out runs/eight
-  salpchain evaluate runs/eight --lengths 4:64:4 --time-limit scaled --out results/eight
+  salpchain evaluate runs/eight --lengths 4:64:4 --out results/eight
   salpchain figure zero-shot results/eight --out figures/zero-shot.png
 """
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from salpchain.cli.options import number, text_option
+from salpchain.cli.options import number, say, text_option
 from salpchain.control.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
@@ -14,7 +14,7 @@ from salpchain.evaluation.config import parse_lengths
 if TYPE_CHECKING:
     from salpchain.evaluation.trajectory import Trajectory
 
-Limit = Annotated[str, text_option("fixed|scaled")]
+Limit = Annotated[str, text_option("scaled|fixed")]
 Decimal = Annotated[str, text_option("NUMBER")]
 
 
@@ -64,6 +64,13 @@ def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]
         replace(swim, policy=source) if len(sources[swim.policy]) > 1 else swim
         for source, swim in swims
     ]
+
+
+def say_if_too_short(swims: Sequence["Trajectory"]) -> None:
+    """Prints a line where no controller could have come to the targets within the time limit."""
+    from salpchain.evaluation import too_short
+
+    say(too_short.of_swims(swims))
 
 
 def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:

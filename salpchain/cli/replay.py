@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Lengths, Whole, text_option
-from salpchain.cli.recordings import Limit, check_out, trajectories
+from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
 
 
@@ -33,8 +33,8 @@ class Replay:
     """Seed of the starts."""
     trial: Whole = "0"
     """Number of the start among those of the seed."""
-    time_limit: Limit = "fixed"
-    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    time_limit: Limit = "scaled"
+    """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
 
 
 def run(options: Replay) -> None:
@@ -45,4 +45,5 @@ def run(options: Replay) -> None:
     from salpchain.report.replay import write_replay
 
     write_replay(swims, out)
+    say_if_too_short(swims)
     print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): open it in a browser")

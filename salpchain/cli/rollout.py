@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Whole, number, text_option
-from salpchain.cli.recordings import Limit, check_out, trajectories
+from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 
@@ -30,8 +30,8 @@ class Rollout:
     """Seed of the starts."""
     trial: Whole = "0"
     """Number of the start among those of the seed."""
-    time_limit: Limit = "fixed"
-    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    time_limit: Limit = "scaled"
+    """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write."""
 
@@ -50,4 +50,5 @@ def run(options: Rollout) -> None:
     end = "goal reached" if swim.success else "goal not reached"
     closed = f"{100 * swim.closed_fraction:.1f} % closed"
     print(f"{swim.policy}, {swim.length} units: {end} after {swim.duration:.1f} s, {closed}")
+    say_if_too_short([swim])
     print(f"wrote {out}")

@@ -6,7 +6,14 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Lengths, Whole, text_option
-from salpchain.cli.recordings import Decimal, Limit, check_out, decimal, trajectories
+from salpchain.cli.recordings import (
+    Decimal,
+    Limit,
+    check_out,
+    decimal,
+    say_if_too_short,
+    trajectories,
+)
 from salpchain.errors import InputError
 
 SUFFIXES = (".mp4", ".gif", ".png")
@@ -24,7 +31,7 @@ class Video:
 
     Example: salpchain video --compare runs/eight greedy --length 16 --out both.gif
 
-    Example: salpchain video runs/eight --grid --time-limit scaled --out lengths.mp4
+    Example: salpchain video runs/eight --grid --out lengths.mp4
     """
 
     source: tyro.conf.Positional[Annotated[str, text_option("POLICY_OR_TRAJECTORY")]] = ""
@@ -38,8 +45,8 @@ class Video:
     """Seed of the starts."""
     trial: Whole = "0"
     """Number of the start among those of the seed."""
-    time_limit: Limit = "fixed"
-    """fixed (512 steps, the paper's) or scaled (32 steps for each unit, at least 512)."""
+    time_limit: Limit = "scaled"
+    """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
     grid: bool = False
@@ -69,6 +76,7 @@ def run(options: Video) -> None:
 
     with share_display("drawing") as watch:
         write_video(swims, out, film, progress=lambda share: watch(share, out.name))
+    say_if_too_short(swims)
     print(f"wrote {out}")
 
 

@@ -13,6 +13,7 @@ from salpchain.control.graph import Graph, of_adjacency
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
+    PLAYED_LIMIT,
     TaskConfig,
     check_length,
     one_of,
@@ -57,11 +58,14 @@ class PolicyCard:
     def task(self, length: int, **settings: Any) -> TaskConfig:
         """The task at this length, with the observation and action that the policy speaks.
 
+        Its time limit is the scaled one unless `time_limit` says otherwise.
+
         Raises:
             InputError: the policy cannot serve this length, or a setting that cannot be.
         """
         self.check_serves(check_length(length))
-        return TaskConfig(length, self.observation, self.action, **settings)
+        asked = {"time_limit": PLAYED_LIMIT, **settings}
+        return TaskConfig(length, self.observation, self.action, **asked)
 
     def as_dict(self) -> dict[str, object]:
         """The card as plain JSON values."""

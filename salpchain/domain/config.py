@@ -7,6 +7,7 @@ from salpchain.errors import InputError
 
 SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
+PLAYED_LIMIT = "scaled"  # where a policy is played and nothing else was asked for
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
 OBSERVATION_SIZES: dict[str, int] = {
     "body": 22,

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Controller, Planner
-from salpchain.domain.config import step_limit
+from salpchain.domain.config import PLAYED_LIMIT, step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
@@ -26,9 +26,9 @@ Progress = Callable[[float, str], None]  # told the share of all work done, and 
 def evaluate(
     controller: Controller,
     lengths: Sequence[int],
-    trials: int,
-    time_limit: str,
-    seed: int,
+    trials: int = 50,
+    time_limit: str = PLAYED_LIMIT,
+    seed: int = 0,
     out: StrPath | None = None,
     baseline: bool = True,
     progress: Progress | None = None,

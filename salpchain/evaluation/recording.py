@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
 from salpchain.control.policy import Controller, act, begin
-from salpchain.domain.config import check_length, check_seed
+from salpchain.domain.config import PLAYED_LIMIT, check_length, check_seed
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
@@ -33,7 +33,7 @@ class Frame(NamedTuple):
 def record(
     controller: Controller,
     lengths: Sequence[int],
-    time_limit: str = "fixed",
+    time_limit: str = PLAYED_LIMIT,
     seed: int = 0,
     trial: int = 0,
 ) -> list[Trajectory]:

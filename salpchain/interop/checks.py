@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.domain.config import TaskConfig, check_seed, one_of
+from salpchain.domain.config import PLAYED_LIMIT, TaskConfig, check_seed, one_of
 from salpchain.errors import InputError
 
 MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
@@ -17,13 +17,15 @@ MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
 def task_of(settings: dict[str, Any]) -> TaskConfig:
     """The task with these settings, by the names of `TaskConfig`.
 
+    The time limit is the scaled one unless `time_limit` says otherwise: up to 16 units the paper's.
+
     Raises:
         InputError: an unknown setting, or one that cannot be.
     """
     for name in settings:
         one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
-    return TaskConfig(**plain)
+    return TaskConfig(**{"time_limit": PLAYED_LIMIT, **plain})
 
 
 def checked_envs(num_envs: Any) -> int:
