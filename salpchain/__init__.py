@@ -6,6 +6,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from salpchain import forks as forks  # watches for forks from the first import on
+
 __version__ = "0.1.0"
 
 _PUBLIC = {

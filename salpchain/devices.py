@@ -7,6 +7,7 @@ import jax
 from jax.sharding import AxisType, Mesh
 
 from salpchain.errors import InputError
+from salpchain.forks import check_not_forked
 from salpchain.machine import cores, processor
 
 AXIS = "devices"  # the mesh axis over which chains are shared out
@@ -24,8 +25,9 @@ def use_devices(count: int | None = None) -> int:
     devices that are there are used as they are.
 
     Raises:
-        InputError: fewer devices than asked for.
+        InputError: fewer devices than asked for; or a process forked after JAX had started.
     """
+    check_not_forked()
     if LOOP_OPTION not in os.environ.get("XLA_FLAGS", ""):
         flag = f"--xla_backend_extra_options={LOOP_OPTION}={LOOP_BYTES}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()

@@ -20,6 +20,7 @@ from salpchain.domain.config import (
 )
 from salpchain.domain.scld import State
 from salpchain.errors import InputError
+from salpchain.forks import check_not_forked
 
 
 @dataclass(frozen=True)
@@ -128,6 +129,7 @@ class Policy(eqx.Module):
             InputError: a state with another observation than the policy's; a graph that is none, of
                 another size than the chain, or for a policy that has none.
         """
+        check_not_forked()
         if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
             raise InputError(
                 f"{self.card.name} observes {self.card.observation}, the state has"

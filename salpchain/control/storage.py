@@ -16,6 +16,7 @@ from salpchain.control.released import released
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
+from salpchain.forks import check_not_forked
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"
@@ -44,6 +45,7 @@ def load(source: StrPath) -> Policy:
         InputError: no such name, file or folder; damaged, altered or from a newer version; the name
             of a controller that was never trained.
     """
+    check_not_forked()
     path = Path(source)
     if isinstance(source, str):
         if source in WRITTEN:

@@ -24,6 +24,7 @@ from salpchain.domain.folds import folded, stalled
 from salpchain.domain.observation import observe
 from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
+from salpchain.forks import check_not_forked
 from salpchain.physics.batching import redo, where
 from salpchain.physics.chain import Chain, Physics, heading, step
 
@@ -74,6 +75,9 @@ class SCLD(eqx.Module):
     config: TaskConfig = eqx.field(default_factory=TaskConfig, static=True)
     physics: Physics = eqx.field(default_factory=Physics)
 
+    def __check_init__(self) -> None:
+        check_not_forked()
+
     @property
     def action_size(self) -> int:
         """Numbers that a unit's action has."""
@@ -89,6 +93,7 @@ class SCLD(eqx.Module):
 
         A `length` below `config.length` leaves the last slots dead; it may be traced.
         """
+        check_not_forked()
         draw_key, next_key = jr.split(key)
         slots = self.config.length
         length = slots if length is None else length
@@ -109,6 +114,7 @@ class SCLD(eqx.Module):
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own."""
+        check_not_forked()
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
         now = distances(chain, target)
@@ -130,6 +136,7 @@ class SCLD(eqx.Module):
 
     def step(self, state: State, action: Float[Array, "unit act"]) -> State:
         """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart."""
+        check_not_forked()
         thrust = self.thrust(state.chain, action)
         force = thrust[:, None] * heading(state.chain.units.angle)
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None

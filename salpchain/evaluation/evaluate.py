@@ -19,6 +19,7 @@ from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text
+from salpchain.forks import check_not_forked
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 
@@ -44,6 +45,7 @@ def evaluate(
         InputError: no lengths, fewer than one trial, or an impossible length or time limit.
         OSError: the folder cannot be written.
     """
+    check_not_forked()
     others: list[Controller] = []
     if baseline and not isinstance(controller, Greedy):
         others.append(Greedy(controller.card.observation, controller.card.action))

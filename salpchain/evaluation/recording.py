@@ -15,6 +15,7 @@ from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
+from salpchain.forks import check_not_forked
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Bodies
 
@@ -46,6 +47,7 @@ def record(
         InputError: an impossible length, seed, trial or time limit, or a length that the
             controller cannot serve.
     """
+    check_not_forked()
     for length in lengths:
         controller.card.check_serves(check_length(length))
     check_seed(seed)

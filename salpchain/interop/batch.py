@@ -11,9 +11,10 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.domain.config import TaskConfig
+from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
 from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
+from salpchain.forks import check_not_forked
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
 
 Seeds = int | Sequence[int | None] | np.ndarray | None
@@ -113,7 +114,6 @@ class Batch:
         """
         self.config, self.num_envs, self.renew = config, checked_envs(num_envs), renew
         self.limit = min(limit_of(config, max_steps), config.step_limit)
-        self.env = SCLD(config)
         self.states: State | None = None
 
     @property
@@ -138,12 +138,12 @@ class Batch:
     @property
     def observation_shape(self) -> tuple[int, int]:
         """(unit, feature), of one chain."""
-        return self.config.length, self.env.observation_size
+        return self.config.length, OBSERVATION_SIZES[self.config.observation]
 
     @property
     def action_shape(self) -> tuple[int, int]:
         """(unit, act), of one chain."""
-        return self.config.length, self.env.action_size
+        return self.config.length, ACTION_SIZES[self.config.action]
 
     def reset(self, seed: Seeds = None) -> Float[Array, "env unit feature"]:
         """Observations of new episodes of all chains; the same seed gives the same episodes.
@@ -154,6 +154,7 @@ class Batch:
         Raises:
             InputError: a seed that cannot be, or not one for each chain.
         """
+        check_not_forked()
         if seed is None and self.states is not None:
             keys = self.states.key
         else:
@@ -221,6 +222,7 @@ class Batch:
         Raises:
             InputError: there are none yet.
         """
+        check_not_forked()
         if self.states is None:
             raise InputError("the environment was never reset: call reset() first")
         return self.states

@@ -10,6 +10,7 @@ import numpy as np
 from salpchain.control.policy import Controller, Policy, PolicyCard
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.errors import InputError
+from salpchain.forks import check_not_forked
 from salpchain.interop.checks import task_of
 
 Steer = Callable[[np.ndarray], np.ndarray]
@@ -40,6 +41,7 @@ def steering(policy: Controller, **task: Any) -> Steer:
         return jnp.clip(actions, -1.0, 1.0)
 
     def steer(obs: np.ndarray) -> np.ndarray:
+        check_not_forked()
         obs = np.asarray(obs, np.float32)
         if obs.shape[-2:] != (slots, features) or not obs.size:
             raise InputError(
