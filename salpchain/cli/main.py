@@ -59,6 +59,10 @@ options:
   --help, -h   this page; `salpchain COMMAND --help` is the page of a command
   --version    the version
 
+environment:
+  SALPCHAIN_CACHE   off, or a folder: where compiled programs are kept (else the user's cache)
+  JAX_PLATFORMS     cpu, cuda, ...: what JAX computes on
+
 example:
   salpchain train --length 8 --out runs/eight
   salpchain evaluate runs/eight --lengths 4:64:4 --out results/eight
