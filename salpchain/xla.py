@@ -10,28 +10,42 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
+_flat = ContextVar("flat", default=False)  # within `flat_products`
+
 
 def once(tree: Any, never: jax.Array | bool) -> Any:
     """The same arrays, computed once and kept, though many operations read them.
 
     XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
-    never turns stops that; `never` must be false, and XLA must not be able to tell.
+    never turns stops that; `never` must be false, and XLA must not be able to tell. Derivatives pass
+    through.
     """
+    return _once(tree, never)
 
+
+@jax.custom_jvp
+def _once(tree: Any, never: jax.Array | bool) -> Any:
     def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
         return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
 
     return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
 
 
+@_once.defjvp
+def _(primals: Any, tangents: Any) -> Any:
+    return _once(*primals), tangents[0]
+
+
 def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array, "*rows outputs"]:
-    """`y`; its gradient is worked out whole before any product with it is taken.
+    """`y`; within `flat_products` its gradient is worked out whole before any product with it.
 
     A weight's gradient needs that of the layer's output transposed. XLA on a CPU works it out in
     that order, along columns: where much leads to it, as behind attention, several times slower.
-    `like` is any array of finite numbers that all rows share, such as the weights.
+    `like` is any array of finite numbers that all rows share, such as the weights. Elsewhere `y`
+    has derivatives of both modes.
     """
-    return _whole_gradient(y, like) if jax.default_backend() == "cpu" else y
+    wanted = _flat.get() and jax.default_backend() == "cpu"
+    return _whole_gradient(y, like) if wanted else y
 
 
 @jax.custom_vjp
@@ -49,9 +63,6 @@ def _backward(like: Array, gradient: Array) -> tuple[Array, Array]:
 
 
 _whole_gradient.defvjp(_forward, _backward)
-
-
-_flat = ContextVar("flat", default=False)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from salpchain.physics.batching import over_the_batch, redo
+from salpchain.physics.derivatives import root
 
 AT_ONCE = 4  # chains whose tables are filled together (chosen)
 
@@ -42,7 +43,7 @@ def _shift(diagonal: Float[Array, " point"]) -> Float[Array, " point"]:
 
 
 def _distance(one: Float[Array, "point 2"], other: Float[Array, "point 2"]) -> Array:
-    return jnp.sqrt(jnp.sum((one - other) ** 2, axis=-1))
+    return root(jnp.sum((one - other) ** 2, axis=-1))
 
 
 def within_frechet(
@@ -62,6 +63,7 @@ def within_frechet(
 
 @over_the_batch
 def _within(limit: float, one: Array, other: Array, length: Array) -> Array:
+    one, other = jax.lax.stop_gradient((one, other))  # yes or no: it has no derivative
     points, _, batch = one.shape
     length = jnp.broadcast_to(length, (batch,))
     apart = jnp.sqrt(jnp.sum((one - other) ** 2, axis=1))

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from salpchain.domain.pose import LINK
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.chain import Chain, wrap
+from salpchain.physics.derivatives import compress, direction, root
 from salpchain.xla import once
 
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
@@ -98,7 +99,7 @@ class View:
         square = jnp.where(other, x**2 + y**2, jnp.inf)
         least = square.min(axis=1)
         chosen = jnp.where(other & (square <= least[:, None]), 1.0, 0.0)
-        apart = jnp.maximum(jnp.sqrt(least), 1e-6)
+        apart = jnp.maximum(root(least), 1e-6)
         share = jnp.maximum(1 / apart - 1 / SENSED, 0.0) / jnp.maximum(chosen.sum(axis=1), 1)
         return (chosen * x).sum(axis=1) * share, (chosen * y).sum(axis=1) * share
 
@@ -106,7 +107,7 @@ class View:
         """Angle of a neighbour from the unit's own angle (rad, wrapped); 0 where there is none."""
         x, y = vector
         there = (x != 0) | (y != 0)
-        return jnp.where(there, wrap(jnp.arctan2(y, x) - self.chain.units.angle), 0.0)
+        return jnp.where(there, wrap(direction(y, x) - self.chain.units.angle), 0.0)
 
 
 def table1(view: View) -> list[Row]:
@@ -144,11 +145,11 @@ def body(view: View, metric: bool = False) -> list[Row]:
     units = view.chain.units
     error = _minus(view.target, view.position)
     here, there = view.mean(view.position), view.mean(view.target)
-    near = 1 / (jnp.sqrt(sum(_squares(error))) + 0.01)
+    near = 1 / (root(sum(_squares(error))) + 0.01)
     neighbours = (*view.towards(view.position), *view.towards(view.target))
     place = _indices(units.angle) * (2 / jnp.maximum(view.chain.present.sum(axis=0) - 1, 1)) - 1.0
     beside = _minus(view.position, here)
-    spread = jnp.sqrt(sum(view.mean(_squares(beside))))
+    spread = root(sum(view.mean(_squares(beside))))
     vectors = [
         _times(view.velocity, 5.0),
         *(_times(vector, 1 / LINK) for vector in neighbours),
@@ -186,11 +187,6 @@ OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
     "anonymous": anonymous,
     "metric": partial(proximity, metric=True),
 }
-
-
-def compress(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """sign(x) log(1 + 5 |x|): metres far away stay in the range seen near by."""
-    return jnp.sign(x) * jnp.log1p(5 * jnp.abs(x))
 
 
 def _pair(vectors: Array) -> Pair:

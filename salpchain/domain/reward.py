@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.domain.frechet import within_frechet
 from salpchain.physics.chain import Chain
+from salpchain.physics.derivatives import root
 
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)
 
@@ -28,7 +29,7 @@ def own_progress(
     """
 
     def potential(chain: Chain) -> Float[Array, " unit"]:
-        apart = jnp.sqrt(jnp.sum((target - chain.units.position) ** 2, axis=-1))
+        apart = root(jnp.sum((target - chain.units.position) ** 2, axis=-1))
         return apart + fine_weight / 2 * jnp.log1p(apart / FINE_SCALE)
 
     gained = jnp.where(after.present, potential(before) - potential(after), 0.0)
@@ -51,10 +52,10 @@ def distances(chain: Chain, target: Float[Array, "unit 2"]) -> Distances:
     """
     error = (target - chain.units.position).T
     square = jnp.where(chain.present, error[0] ** 2 + error[1] ** 2, 0.0)
-    apart = jnp.sqrt(square)
+    apart = root(square)
     share = 1.0 / jnp.maximum(chain.present.sum(), 1)
     each = jnp.sum(jnp.log1p(apart / FINE_SCALE)) * share
-    together = jnp.log1p(jnp.sqrt(jnp.sum(square) * share) / FINE_SCALE)
+    together = jnp.log1p(root(jnp.sum(square) * share) / FINE_SCALE)
     return Distances(jnp.sum(apart) * share, (each + together) / 2)
 
 

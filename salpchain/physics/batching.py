@@ -13,23 +13,49 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
 
-def over_the_batch(core: Callable[..., Any]) -> Callable[..., Any]:
+def over_the_batch(
+    core: Callable[..., Any], differentiable: Callable[..., Any] | None = None
+) -> Callable[..., Any]:
     """`core(static, *trees)`, whose arrays have the batch last, as a function of one chain.
 
     `static` is hashable and fixed at compile time. Under any nesting of `jax.vmap` the batch axes
     are merged into one and `core` is called once. Scalars that are the same for the whole batch
     reach it as scalars.
+
+    Derivatives of both modes are those of `differentiable`, the same function in operations that
+    have them; `core` itself if not given.
     """
 
     @functools.wraps(core)
     def one(static: Any, *trees: Any) -> Any:
-        return _for_one(core, static)(*trees)
+        return _for_one(core, differentiable or core, static)(*trees)
 
     return one
 
 
 @functools.cache
-def _for_one(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
+def _for_one(
+    core: Callable[..., Any], differentiable: Callable[..., Any], static: Any
+) -> Callable[..., Any]:
+    """The function of one chain: JAX's batching by hand has no derivative, so it gets one here."""
+    batched = _batched(core, static)
+
+    @jax.custom_jvp
+    def one(*trees: Any) -> Any:
+        return batched(*trees)
+
+    def alone(*trees: Any) -> Any:
+        last = jax.tree.map(lambda x: x[..., None] if jnp.ndim(x) else x, trees)
+        return jax.tree.map(lambda x: x[..., 0], differentiable(static, *last))
+
+    @one.defjvp
+    def _(primals: Any, tangents: Any) -> Any:
+        return jax.jvp(alone, primals, tangents)
+
+    return one
+
+
+def _batched(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
     many = _for_many(core, static)
 
     @custom_vmap

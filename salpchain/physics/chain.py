@@ -1,5 +1,6 @@
 """A chain of units and links: its state, its constants, and one control step of its dynamics."""
 
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -11,6 +12,7 @@ from numpy import pi
 from salpchain.physics import crowd
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.engine import Load, Motion, Rig
+from salpchain.physics.joints import FORCES
 
 Scalar = float | Float[Array, ""]  # traced or not
 
@@ -48,7 +50,7 @@ class Chain(eqx.Module):
 class Physics(eqx.Module):
     """Constants of the dynamics; the defaults are the paper's world in VMAS 1.5.2.
 
-    Every field but `substeps` may be a traced scalar, so that constants can be randomised.
+    Every field but the two last may be a traced scalar, so that constants can be randomised.
 
     Raises:
         ValueError: a constant that cannot be, named with its unit.
@@ -67,6 +69,7 @@ class Physics(eqx.Module):
     drag: Scalar = 0.25  # share of every velocity lost at the start of a control step
     control_step: Scalar = 0.1  # s
     substeps: int = eqx.field(default=15, static=True)
+    joint_derivative: str = eqx.field(default="spring", static=True)  # or exact: see docs/gradients
 
     def __check_init__(self) -> None:
         for name, unit in _POSITIVE.items():
@@ -75,6 +78,11 @@ class Physics(eqx.Module):
                 raise ValueError(f"Physics.{name} must be positive ({unit}), got {value}")
         if isinstance(self.drag, int | float) and not 0 <= self.drag < 1:
             raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
+        if self.joint_derivative not in FORCES:
+            raise ValueError(
+                f"Physics.joint_derivative must be {' or '.join(FORCES)},"
+                f" got {self.joint_derivative!r}"
+            )
 
     @property
     def unit_inertia(self) -> Any:
@@ -159,14 +167,20 @@ def step(
     return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links, c.touching)), chain, moved)
 
 
-@over_the_batch
-def _step(contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any) -> list[Array]:
+def _stepped(
+    advance: Any, contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any
+) -> list[Array]:
     """Fields of units and links, and `touching`, after `step`; the batch last in every array."""
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
-    moved = crowd.advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
+    moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
     return [*_fields(moved.units), *_fields(moved.links), moved.touching]
+
+
+_step = over_the_batch(
+    partial(_stepped, crowd.advance), partial(_stepped, crowd.advance_differentiably)
+)
 
 
 def _motion(bodies: Bodies, alive: Array) -> Motion:

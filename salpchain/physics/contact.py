@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from salpchain.physics.derivatives import root
 from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
 from salpchain.xla import once
@@ -25,7 +26,7 @@ class Pairs(NamedTuple):
 
     first: Int[Array, "list pair batch"]
     second: Int[Array, "list pair batch"]
-    lists: Int[Array, ""]  # that hold any pairs; they come first
+    lists: Int[Array, ""] | int  # that hold any pairs; they come first
 
 
 def touching_distance(physics: Any) -> Any:
@@ -147,7 +148,7 @@ def _closest(
     here, between = once(
         (jnp.where(which < 4, own, far), jnp.where(which < 4, own_between, far_between)), never
     )
-    gap = jnp.sqrt(_square(between))
+    gap = root(_square(between))
     return gap, here, between / jnp.maximum(gap, 1e-9)
 
 

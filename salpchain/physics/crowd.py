@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.physics.batching import redo
+from salpchain.physics.batching import redo, where
 from salpchain.physics.contact import Pairs, contact_load, touching_distance
 from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
 
@@ -44,6 +44,29 @@ def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -
         return _step_crowded(*_take((rig, units, links, push, free), chosen, batch))
 
     return redo(crowded(rig, units, free), free, with_contact, _chunk(batch), axis=-1)
+
+
+def advance_differentiably(
+    rig: Rig, units: Motion, links: Motion, push: Load, contact: bool
+) -> Moved:
+    """`advance` without loops of unknown length, so that it can be differentiated backwards too.
+
+    Which units may touch does not depend on where they are by any derivative.
+    """
+    free = run_substeps(rig, units, links, push, None)
+    if not contact or units.angle.shape[0] < 2:
+        return free
+    fixed = jax.lax.stop_gradient((rig, units, free))
+    near = crowded(*fixed)
+
+    def with_contact() -> Moved:
+        apart = rig.joined & ~_held_near(*fixed, PRESSED)
+        pairs = _near_pairs(*fixed[:2], apart)
+        every = pairs._replace(lists=pairs.first.shape[0])
+        touched = run_substeps(rig, units, links, push, partial(contact_load, rig, every))
+        return where(near, touched, free, axis=-1)
+
+    return jax.lax.cond(near.any(), with_contact, lambda: free)
 
 
 def _chunk(batch: int) -> int:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.physics.joints import JointForces, angle_torque, joint_force
+from salpchain.physics.joints import FORCES, JointForces, angle_torque
 
 
 class Motion(NamedTuple):
@@ -127,7 +127,8 @@ def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:
         links.angle - (units.angle[:-1] + rig.rest_angle[:, 0]),
         links.angle - (units.angle[1:] + rig.rest_angle[:, 1]),
     )
-    forces = (joint_force(end, joined, physics.joint_stiffness, physics.softness) for end in ends)
+    pull = FORCES[physics.joint_derivative]
+    forces = (pull(end, joined, physics.joint_stiffness, physics.softness) for end in ends)
     torques = (angle_torque(bend, joined, physics.angle_stiffness) for bend in bends)
     return JointForces(*forces, *torques)
 
