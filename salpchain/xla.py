@@ -17,8 +17,8 @@ def once(tree: Any, never: jax.Array | bool) -> Any:
     """The same arrays, computed once and kept, though many operations read them.
 
     XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
-    never turns stops that; `never` must be false, and XLA must not be able to tell. Derivatives pass
-    through.
+    never turns stops that; `never` must be false, and XLA must not be able to tell. It has the
+    derivatives of what it is given.
     """
     return _once(tree, never)
 
