@@ -29,7 +29,7 @@ from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import make_writable, read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
-from salpchain.report.figures import STYLE
+from salpchain.report.style import STYLE
 from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
 from studies import check_same, claim, program, run_of, train_or_go_on

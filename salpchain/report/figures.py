@@ -1,12 +1,7 @@
-"""Figures of saved results: learning curves and zero-shot curves.
+"""Figures of saved results: learning curves and zero-shot curves."""
 
-Colours are those of Okabe and Ito (2008), told apart by colour-blind people; each line also has
-its own marker and dashes, so that the figures survive black and white print.
-"""
-
-import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,45 +10,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from salpchain.errors import InputError
-from salpchain.files import StrPath, read_json, write_bytes
+from salpchain.files import StrPath, read_json
 from salpchain.report.picture import chains_picture
+from salpchain.report.style import STYLE, legend_below, looks, percent_axes, save
+from salpchain.report.transfer import transfer_figure
 
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
-
-STYLE: dict[Any, Any] = {
-    "font.size": 10,
-    "axes.labelsize": 11,
-    "axes.titlesize": 12,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.8,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "lines.markersize": 5.5,
-    "lines.markeredgecolor": "white",
-    "lines.markeredgewidth": 0.6,
-    "pdf.fonttype": 42,
-    "savefig.dpi": 200,
-}
-LOOKS = (
-    ("#0072B2", "o", "-"),
-    ("#D55E00", "s", (0, (5, 1.5))),
-    ("#009E73", "^", (0, (1, 1))),
-    ("#CC79A7", "D", (0, (4, 1, 1, 1))),
-    ("#E69F00", "v", (0, (7, 1.5))),
-    ("#56B4E9", "P", (0, (2, 1))),
-    ("#000000", "X", (0, (6, 1, 1, 1, 1, 1))),
-)
-GREY = "#6b6b6b"
-LIMIT_NAMES = {"fixed": "512 steps", "scaled": "scaled time"}
 
 
 class Curve(NamedTuple):
@@ -81,12 +46,12 @@ def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> 
         figure = Figure(figsize=(9, 3.9), layout="constrained")
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
         for panel, measure in zip(panels, ("success", "closed_fraction"), strict=True):
-            for look, (name, logs) in zip(_looks(), groups.items(), strict=False):
+            for look, (name, logs) in zip(looks(), groups.items(), strict=False):
                 _draw_curve(panel, look, name, over_seeds(logs, measure, window))
             panel.set_title(f"{measure.replace('_', ' ')} in training")
             panel.set_xlabel("million chain-steps")
             panel.set_xlim(left=0)
-        _percent_axes(panels, f"{window}-rollout mean ± standard error")
+        percent_axes(panels, f"{window}-rollout mean ± standard error")
         legend_below(figure, panels[:1])
         return save(figure, out)
 
@@ -162,14 +127,6 @@ def _name(settings: dict[str, Any], differ: Iterable[str]) -> str:
     return ", ".join([name, *more])
 
 
-def _looks() -> Iterator[tuple[Any, str, Any]]:
-    """Colour, marker and dashes for each line in turn; markers move on when colours are used up."""
-    count = len(LOOKS)
-    for turn in range(1000):
-        colour, _, dashes = LOOKS[turn % count]
-        yield colour, LOOKS[(turn + turn // count) % count][1], dashes
-
-
 def _draw_curve(panel: Axes, look: Any, name: str, curve: Curve) -> None:
     colour, marker, dashes = look
     steps = curve.steps / 1e6
@@ -199,22 +156,9 @@ def zero_shot(evaluations: Sequence[StrPath], out: StrPath) -> list[Path]:
     if not evaluations:
         raise InputError("zero-shot curves need at least one evaluation.json")
     summaries = [_read_evaluation(Path(path)) for path in evaluations]
-    mixed = len({s["time_limit"] for s in summaries}) > 1
+    names = [summary["policy"] for summary in summaries]
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 4.2), layout="constrained")
-        panels = figure.subplots(1, 2, sharex=True, sharey=True)
-        for panel, measure in zip(panels, ("closed_fraction", "success"), strict=True):
-            for place, (look, summary) in enumerate(zip(_looks(), summaries, strict=False)):
-                shift = 0.35 * (place - (len(summaries) - 1) / 2)
-                name = summary["policy"] + _limit_name(summary, mixed)
-                _draw_policy(panel, look, name, summary["lengths"], measure, shift)
-            _draw_context(panel, summaries, measure, mixed)
-            panel.set_title(measure.replace("_", " "))
-            panel.set_xlabel("length (units)")
-            panel.xaxis.set_major_locator(MaxNLocator(9, integer=True, steps=[1, 2, 4, 8, 10]))
-        _percent_axes(panels, "mean over trials, 95 % interval")
-        legend_below(figure, panels[:1])
-        return save(figure, out)
+        return save(transfer_figure(summaries, names), Path(out))
 
 
 def _read_evaluation(path: Path) -> dict[str, Any]:
@@ -235,113 +179,3 @@ def _is_evaluation(content: dict[str, Any]) -> bool:
         and bool(entries)
         and all(isinstance(entry, dict) and drawn <= entry.keys() for entry in entries)
     )
-
-
-def _limit_name(summary: dict[str, Any], mixed: bool) -> str:
-    return f", {LIMIT_NAMES[summary['time_limit']]}" if mixed else ""
-
-
-def _draw_context(panel: Axes, summaries: list[dict[str, Any]], measure: str, mixed: bool) -> None:
-    """What the policies are seen against, once for each time limit."""
-    panel.axhline(0.9, color=GREY, linewidth=0.8, linestyle=(0, (1, 2)))
-    side, foot = panel.get_yaxis_transform(), panel.get_xaxis_transform()
-    panel.text(1.005, 0.9, "90 %", color=GREY, fontsize=8, va="center", transform=side)
-    for length in sorted({s["card"]["length"] for s in summaries if _was_trained(s)}):
-        panel.axvline(length, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
-        note = f"trained on {length}"
-        panel.text(
-            length, 0.04, note, color=GREY, fontsize=8, rotation=90, ha="right", transform=foot
-        )
-    for dashes, summary in zip(("-", "--"), _one_for_each_limit(summaries), strict=False):
-        more = _limit_name(summary, mixed)
-        if summary.get("baseline"):
-            look = (GREY, "p", dashes)
-            _draw_policy(panel, look, f"greedy{more}", summary["baseline"]["lengths"], measure, 0.0)
-        if measure == "closed_fraction":
-            _draw_limit(panel, summary["lengths"], dashes, f"physical limit{more}")
-
-
-def _was_trained(summary: dict[str, Any]) -> bool:
-    return bool(summary.get("card", {}).get("steps"))
-
-
-def _one_for_each_limit(summaries: list[dict[str, Any]]) -> Iterable[dict[str, Any]]:
-    """For each time limit the evaluation of most lengths."""
-    ordered = sorted(summaries, key=lambda s: len(s["lengths"]))
-    return {s["time_limit"]: s for s in ordered}.values()
-
-
-def _draw_limit(panel: Axes, entries: list[dict[str, Any]], dashes: str, name: str) -> None:
-    lengths = [entry["length"] for entry in entries]
-    limit = [entry["reachable"]["mean"] for entry in entries]
-    panel.fill_between(lengths, limit, 1.0, color="#e4e4e4", linewidth=0, zorder=0)
-    panel.plot(lengths, limit, color="#333333", linewidth=1.0, linestyle=dashes, label=name)
-
-
-def _draw_policy(
-    panel: Axes, look: Any, name: str, entries: list[dict[str, Any]], measure: str, shift: float
-) -> None:
-    """Mean and interval of a measure at each length, moved aside a little (units)."""
-    colour, marker, dashes = look
-    rows = [(entry["length"] + shift, *_bounds(entry[measure])) for entry in entries]
-    lengths, mean, low, high = np.array(rows, float).T
-    panel.errorbar(
-        lengths, mean, (mean - low, high - mean), color=colour, marker=marker, linestyle=dashes,
-        elinewidth=1.0, label=name, zorder=2 if colour == GREY else 3,
-    )  # fmt: skip
-
-
-def _bounds(value: dict[str, Any]) -> tuple[float, float, float]:
-    """Mean, low and high; no interval is one of no width."""
-    low, high = (value["mean"] if value[side] is None else value[side] for side in ("low", "high"))
-    return value["mean"], low, high
-
-
-def _percent_axes(panels: Iterable[Axes], label: str) -> None:
-    """One axis of percents for all panels, from 0 or below to 100."""
-    panels = list(panels)
-    panels[0].set_ylabel(label)
-    lines = [np.asarray(line.get_ydata(), float) for p in panels for line in p.get_lines()]
-    lowest = min([0.0, *(np.nanmin(y) for y in lines if len(y))])
-    for panel in panels:
-        panel.set_ylim(lowest - 0.02, 1.02)
-        panel.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=" %"))
-        panel.grid(axis="y", color="#dddddd", linewidth=0.6)
-
-
-def legend_below(figure: Figure, panels: Iterable[Axes]) -> None:
-    """All lines that the panels name, each once, those with intervals first.
-
-    In as many columns, up to five, as the figure is wide enough for.
-    """
-    pairs = [
-        pair for panel in panels for pair in zip(*panel.get_legend_handles_labels(), strict=True)
-    ]
-    named = {label: handle for handle, label in reversed(pairs)}
-    first = dict.fromkeys(label for _, label in pairs)
-    labels = sorted(first, key=lambda label: isinstance(named[label], Line2D))
-    handles = [named[label] for label in labels]
-    place = {"loc": "outside lower center", "handlelength": 3.2}
-    renderer = FigureCanvasAgg(figure).get_renderer()
-    for columns in range(min(len(labels), 5), 0, -1):
-        legend = figure.legend(handles, labels, ncols=columns, **place)
-        if columns == 1 or legend.get_window_extent(renderer).width < figure.bbox.width:
-            break
-        legend.remove()
-
-
-def save(figure: Figure, out: StrPath) -> list[Path]:
-    """The figure at `out`, as PNG and PDF: whole or not there, and the same bytes each time."""
-    out = Path(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    drawn = {}
-    for kind, metadata in (("png", {}), ("pdf", {"CreationDate": None})):
-        content = io.BytesIO()
-        figure.savefig(content, format=kind, metadata=metadata)
-        path = out.with_suffix(f".{kind}")
-        if path.is_dir():
-            raise InputError(f"{path} is a folder: choose another name for the figure")
-        drawn[path] = content.getvalue()
-    for path, content in drawn.items():
-        write_bytes(path, content)
-    return list(drawn)

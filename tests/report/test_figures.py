@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
-from salpchain.report.figures import learning_curves, legend_below, over_seeds, zero_shot
+from salpchain.report.figures import learning_curves, over_seeds, zero_shot
+from salpchain.report.style import legend_below
 
 
 def log(seed=0, rollouts=30, shift=0.0):
