@@ -261,6 +261,8 @@ def _random_message(dice: random.Random, names: list[int]) -> str:
         {"type": "thruster", "chain": one, "unit": 1, "on": dice.random() < 0.8},
         {"type": "flow", "x": dice.uniform(-0.2, 0.2), "y": 0},
         {"type": "pause", "on": False},
+        {"type": "target", "chain": one},
+        {"type": "record", "on": dice.random() < 0.5},
         {"type": "steer", "policy": dice.choice(["greedy", "policy", "none"])},
         {"type": "pace", "speed": dice.choice([0.5, 1, 4, 40])},
     ]

@@ -22,9 +22,10 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 class Live:
     """Steer a chain yourself in the browser, while it swims.
 
-    Drag the target, draw one by hand, change the length, cut links, push units, switch policies:
-    the page says how. Only this machine can open it unless you give another --host. Needs the
-    extra `live`; where it is missing, the error names the command that installs it.
+    Drag the target, draw one by hand, change the length, cut links, push units, switch policies,
+    record it all and replay it: the page says how, on a phone, too. Only this machine can open it
+    unless you give another --host. Needs the extra `live`; where it is missing, the error names
+    the command that installs it.
 
     Example: salpchain live runs/eight
     """

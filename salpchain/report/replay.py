@@ -7,7 +7,7 @@ import json
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,12 @@ from salpchain.files import StrPath, write_text
 
 MOST = 12  # trajectories in a page (chosen; more are too small to be seen)
 FOLDER = files("salpchain.report") / "page"
+SCRIPTS = {
+    "drawing": "drawing.js",
+    "curves": "curves.js",
+    "recorded": "recorded.js",
+    "script": "replay.js",
+}
 
 
 def write_replay(swims: Sequence[Trajectory], out: StrPath) -> Path:
@@ -34,22 +40,33 @@ def write_replay(swims: Sequence[Trajectory], out: StrPath) -> Path:
 
 def page(swims: Sequence[Trajectory]) -> str:
     """The HTML. Names and numbers are in it as data; no script is made from them."""
-    parts = {
-        "style": read("look.css") + read("replay.css"),
-        "drawing": read("drawing.js"),
-        "curves": read("curves.js"),
-        "script": read("replay.js"),
-    }
-    scripts = " ".join(_digest(parts[name]) for name in ("drawing", "curves", "script"))
-    words = parts | {
-        "policy": f"default-src 'none'; script-src {scripts}; style-src {_digest(parts['style'])}",
-        "title": html.escape(f"{swims[0].policy} - salpchain replay"),
-        "data": _inert(json.dumps({"swims": [packed(swim) for swim in swims]})),
+    return filled(f"{swims[0].policy} - salpchain replay", {"swims": [packed(s) for s in swims]})
+
+
+def filled(title: str, data: dict[str, Any]) -> str:
+    """The page with this title and data."""
+    words = _parts() | {
+        "policy": content_policy(),
+        "title": html.escape(title),
+        "data": _inert(json.dumps(data)),
     }
     text = read("replay.html")
     for name, word in words.items():
         text = text.replace("{{" + name + "}}", word, 1)
     return text
+
+
+def content_policy() -> str:
+    """The Content-Security-Policy of a page: its own scripts and style, nothing from anywhere."""
+    parts = _parts()
+    scripts = " ".join(_digest(parts[name]) for name in SCRIPTS)
+    return f"default-src 'none'; script-src {scripts}; style-src {_digest(parts['style'])}"
+
+
+def _parts() -> dict[str, str]:
+    """What every page holds, by its name in the HTML."""
+    scripts = {name: read(file) for name, file in SCRIPTS.items()}
+    return scripts | {"style": read("look.css") + read("replay.css")}
 
 
 def read(name: str) -> str:
@@ -72,20 +89,49 @@ def packed(swim: Trajectory) -> dict[str, Any]:
 
     Over 10 m the grain of positions is 0.15 mm.
     """
-    low, high = swim.unit_position.min(axis=(0, 1)), swim.unit_position.max(axis=(0, 1))
-    middle, grain = (low + high) / 2, max(float((high - low).max()), 1e-3) / 65000
-    wrapped = np.mod(swim.unit_angle + np.pi, 2 * np.pi) - np.pi
     about = ("policy", "seed", "trial", "time_limit", "length", "steps", "success")
+    scale = Scale.of(swim.unit_position)
     return {
         **{name: getattr(swim, name) for name in about},
         "dt": round(swim.dt, 9),
         "target": np.round(swim.target.astype(float), 4).tolist(),
-        "middle": middle.astype(float).tolist(),
-        "grain": grain,
-        "position": _numbers((swim.unit_position - middle) / grain, "<i2"),
+        **scale.packed(),
+        **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),
+    }
+
+
+class Scale(NamedTuple):
+    """How positions are put into 16 bits."""
+
+    middle: np.ndarray  # (2,) m
+    grain: float  # m
+
+    @classmethod
+    def of(cls, *points: np.ndarray) -> "Scale":
+        """The finest scale for all these points (..., 2) in metres."""
+        every = np.concatenate([np.reshape(each, (-1, 2)) for each in points]).astype(float)
+        low, high = every.min(axis=0), every.max(axis=0)
+        return cls((low + high) / 2, max(float((high - low).max()), 1e-3) / 65000)
+
+    def packed(self) -> dict[str, Any]:
+        """The scale as JSON."""
+        return {"middle": self.middle.tolist(), "grain": self.grain}
+
+    def numbers(self, points: np.ndarray) -> str:
+        """Points (m) in 16 bits."""
+        return _numbers((points - self.middle) / self.grain, "<i2")
+
+
+def packed_motion(
+    scale: Scale, position: np.ndarray, angle: np.ndarray, thrust: np.ndarray, distance: np.ndarray
+) -> dict[str, Any]:
+    """Positions (time, unit, 2) m, angles (rad), thrusts (N), mean distances (m) as JSON."""
+    wrapped = np.mod(angle + np.pi, 2 * np.pi) - np.pi
+    return {
+        "position": scale.numbers(position),
         "angle": _numbers(wrapped / np.pi * 32767, "<i2"),
-        "thrust": _numbers(np.clip(swim.thrust, -1, 1) * 127, "<i1"),
-        "distance": base64.b64encode(swim.distance.astype("<f4").tobytes()).decode(),
+        "thrust": _numbers(np.clip(thrust, -1, 1) * 127, "<i1"),
+        "distance": base64.b64encode(distance.astype("<f4").tobytes()).decode(),
     }
 
 

@@ -9,9 +9,12 @@ import numpy as np
 
 from salpchain.control.policy import Controller
 from salpchain.errors import InputError
+from salpchain.report.recorded import Recording
 from salpchain.web import messages
 from salpchain.web.fleet import SPARE, Fleet
 from salpchain.web.pool import SLOTS, Pool
+from salpchain.web.recorder import LONGEST, MOST_PARTS, Recordings
+from salpchain.web.swimmer import Swimmer
 from salpchain.web.world import World
 
 STEP = 0.1  # s of swimming in a control step
@@ -35,7 +38,7 @@ class Engine:
         """`tell` gets every new state, as bytes for all browsers, and `complain` every error."""
         self.world, self.fleet = World(seed), fleet
         self._tell, self._complain = tell, complain
-        self.pool = Pool()
+        self.pool, self.recordings = Pool(), Recordings(STEP)
         self.paused, self.speed, self.watched = False, 1.0, 0
         self.policy, self.loading = fleet.first, fleet.first
         self.took = 0.0  # s, of the last step
@@ -61,10 +64,22 @@ class Engine:
         """One control step, told to everybody."""
         if self._controller is None:
             raise InputError("the policy is being loaded: wait a moment")
-        begin = time.perf_counter()
+        begin, before = time.perf_counter(), self.world.swimmers
         self.world.advance(self.pool, self._controller)
         self.took = time.perf_counter() - begin
+        self._keep(before)
         self.show()
+
+    def _keep(self, before: list[Swimmer]) -> None:
+        """Records the control step just made, if a recording runs."""
+        recorder = self.recordings.running
+        if not recorder:
+            return
+        recorder.keep(before, self.world.swimmers, self.world.current, self.policy)
+        if recorder.full:
+            most = f"{LONGEST * STEP / 60:.0f} minutes, {MOST_PARTS} edits"
+            self._complain(f"a recording holds at most {most}: this one has ended")
+            self.record(False)
 
     def show(self) -> None:
         """Tells everybody how the world is now."""
@@ -81,7 +96,7 @@ class Engine:
 
     def state(self) -> bytes:
         """The whole world as a message."""
-        world = self.world
+        world, recorder = self.world, self.recordings.running
         return messages.write(
             "state",
             time=round(world.time * STEP, 1),
@@ -92,6 +107,8 @@ class Engine:
             loading=self.loading,
             took=round(1e3 * self.took, 2),
             current=_short(world.current),
+            recording=round(recorder.steps * STEP, 1) if recorder else None,
+            recorded=self.recordings.newest,
             chains=[_chain(one) for one in world.swimmers],
         )
 
@@ -106,6 +123,18 @@ class Engine:
     def pace(self, speed: float) -> None:
         """Sets how fast time passes."""
         self.speed = speed
+
+    def record(self, on: bool) -> None:
+        """Starts a recording, or stops it and makes its page in the background."""
+        if on:
+            self.recordings.start()
+        else:
+            recording = self.recordings.stop()
+            self._start(self._write(recording))
+
+    async def _write(self, recording: Recording) -> None:
+        await asyncio.to_thread(self.recordings.add, recording)
+        self.show()
 
     def step(self) -> None:
         """Pauses, and makes one control step."""
@@ -188,5 +217,6 @@ DEEDS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Pause: lambda e, m: e.pause(m.on),
     messages.Step: lambda e, m: e.step(),
     messages.Pace: lambda e, m: e.pace(m.speed),
+    messages.Record: lambda e, m: e.record(m.on),
     messages.Reset: lambda e, m: e.world.reset(m.length),
 }

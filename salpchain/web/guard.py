@@ -25,7 +25,8 @@ App = Callable[[Scope, Any, Any], Awaitable[None]]
 HEADERS = {
     "content-security-policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self';"
-        " connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        " connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none';"
+        " frame-ancestors 'none'"
     ),
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
@@ -127,8 +128,8 @@ def _with_headers(send: Any) -> Any:
     async def sending(message: MutableMapping[str, Any]) -> None:
         if message["type"] == "http.response.start":
             own = message.get("headers", [])
-            extra = ours.items() - {(name, ours.get(name)) for name, _ in own}
-            message = {**message, "headers": [*own, *sorted(extra)]}
+            extra = [(name, ours[name]) for name in ours.keys() - {name for name, _ in own}]
+            message = {**message, "headers": [*own, *extra]}
         await send(message)
 
     return sending

@@ -118,9 +118,15 @@ class Reset(Message):
     length: Annotated[int, Meta(ge=2, le=512)] | None = None
 
 
+class Record(Message):
+    """Start a recording, or stop it and make a replay page of it."""
+
+    on: bool
+
+
 Edit = (
     Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Steer | Pause
-    | Step | Pace | Reset
+    | Step | Pace | Reset | Record
 )  # fmt: skip
 _decoder = msgspec.json.Decoder(Edit)
 _encoder = msgspec.json.Encoder()

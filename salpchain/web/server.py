@@ -16,6 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from salpchain.errors import InputError
 from salpchain.files import StrPath
+from salpchain.report.replay import content_policy
 from salpchain.web import messages
 from salpchain.web.guard import (
     LARGEST_FRAME,
@@ -33,6 +34,7 @@ PAGE = {
     "/": ("salpchain.web", "static/live.html", "text/html"),
     "/live.js": ("salpchain.web", "static/live.js", "text/javascript"),
     "/tools.js": ("salpchain.web", "static/tools.js", "text/javascript"),
+    "/recording.js": ("salpchain.web", "static/recording.js", "text/javascript"),
     "/live.css": ("salpchain.web", "static/live.css", "text/css"),
     "/look.css": ("salpchain.report", "page/look.css", "text/css"),
     "/drawing.js": ("salpchain.report", "page/drawing.js", "text/javascript"),
@@ -97,7 +99,8 @@ class Live:
     ) -> Guard:
         """The ASGI application behind its guard; see `Guard` for the arguments."""
         pages = [Route(path, _file, methods=["GET"]) for path in PAGE]
-        routes = [*pages, WebSocketRoute("/swim", self._meet)]
+        recordings = Route("/recordings/{number:int}.html", self._recording, methods=["GET"])
+        routes = [*pages, recordings, WebSocketRoute("/swim", self._meet)]
         site = Starlette(routes=routes, lifespan=self._lifespan)
         site.router.redirect_slashes = False
         return Guard(site, names, origins)
@@ -194,6 +197,20 @@ class Live:
             self.engine.do(message)
         except (ValueError, InputError) as error:
             client.complain(str(error))
+
+    async def _recording(self, request: Request) -> Response:
+        """The replay page of a recording; the page may be shown within the live page."""
+        number = request.path_params["number"]
+        page = self.engine and self.engine.recordings.page(number)
+        if not page:
+            text = "there is no such recording (any more)\n"
+            return Response(text, 404, media_type="text/plain; charset=utf-8")
+        headers = {
+            "content-security-policy": f"{content_policy()}; frame-ancestors 'self'",
+            "x-frame-options": "SAMEORIGIN",
+            "content-disposition": f'inline; filename="salpchain-recording-{number}.html"',
+        }
+        return Response(page, headers=headers, media_type="text/html; charset=utf-8")
 
 
 async def _next_text(browser: WebSocket) -> str | bytes:

@@ -64,6 +64,16 @@ def until(page, condition, patience=30.0):
         page.wait_for_timeout(20)
 
 
+def player(page, patience=30.0):
+    """The replay within the live page, once it is there."""
+    end = time.monotonic() + patience
+    while not (frames := [frame for frame in page.frames if "/recordings/" in frame.url]):
+        assert time.monotonic() < end, "no replay was opened"
+        page.wait_for_timeout(20)
+    until(frames[0], "window.replay !== undefined")
+    return frames[0]
+
+
 def shoot(page, name):
     SHOTS.mkdir(exist_ok=True)
     page.screenshot(path=SHOTS / f"{name}.png")

@@ -8,7 +8,7 @@ from websockets.sync.client import connect
 
 from salpchain.errors import InputError
 from salpchain.web import guard, server
-from tests.web.browser import live_server, open_browser, until
+from tests.web.browser import live_server, open_browser, player, until
 from tests.web.proxy import PREFIX, reverse_proxy
 from tests.web.test_server import get, served
 
@@ -29,6 +29,10 @@ def test_under_a_path_the_page_and_its_channel_work_and_ask_for_nothing_outside(
             until(page, SWIMS)
             page.evaluate("live.send('reset', {length: 5})")
             until(page, "live.chains[0].units.length === 5")
+            page.click("#record")
+            until(page, "document.getElementById('record').textContent > 'Stop 0.1'")
+            page.click("#record")
+            player(page)
     assert any(url.startswith("ws:") for url in asked) and len(asked) > len(server.PAGE)
     place = urlsplit(proxy.address).netloc
     assert all(urlsplit(url).netloc == place for url in asked)

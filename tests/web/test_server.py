@@ -21,7 +21,7 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.released import released
 from salpchain.control.storage import save_policy
 from salpchain.errors import InputError
-from salpchain.web import guard, messages, server
+from salpchain.web import guard, messages, recorder, server
 from salpchain.web.engine import DEEDS
 from salpchain.web.fleet import Fleet
 
@@ -137,6 +137,10 @@ BAD = [
     ('{"type": "draw", "chain": 1, "points": [[0, 0], [0, 0, 0]]}', "length 2"),
     ('{"type": "pace", "speed": 0}', ">= 0.05"),
     ('{"type": "reset", "length": 500}', "at most 128"),
+    ('{"type": "target", "chain": 12345}', "no chain 12345"),
+    ('{"type": "record"}', "on"),
+    ('{"type": "record", "on": 1}', "bool"),
+    ('{"type": "record", "on": false}', "nothing is being recorded"),
     ('{"type": "steer", "policy": "/etc/passwd"}', "no such policy"),
     ('{"type": "steer", "policy": "../one"}', "no such policy"),
     ("[" * 20_000, ""),
@@ -248,6 +252,42 @@ def test_the_page_allows_no_script_but_its_own(port):
         assert headers["x-content-type-options"] == "nosniff"
     page = get(port)[1]
     assert "<script>" not in page and "onclick" not in page and "style=" not in page
+
+
+def test_what_was_recorded_is_a_page_that_only_the_live_page_may_frame(port):
+    with client(port) as socket:
+        say(socket, "record", on=True)
+        for _ in range(3):
+            say(socket, "step")
+        while hear(socket, "state")["recording"] != 0.3:
+            pass
+        say(socket, "record", on=False)
+        while not (number := hear(socket, "state")["recorded"]):
+            pass
+    status, text, headers = get(port, f"/recordings/{number}.html")
+    assert status == 200 and "Recorded live" in text
+    (policy,) = headers.get_all("content-security-policy")
+    assert "frame-ancestors 'self'" in policy and "unsafe" not in policy
+    assert "default-src 'none'" in policy and "sha256-" in policy
+    assert headers["x-frame-options"] == "SAMEORIGIN"
+    assert headers["x-content-type-options"] == "nosniff"
+    for path in (f"/recordings/{number + 1}.html", "/recordings/0.html", "/recordings/x.html",
+                 "/recordings/-1.html", "/recordings/../live.js", "/recordings/"):  # fmt: skip
+        assert get(port, path)[0] == 404
+    assert get(port, f"/recordings/{number}.html", Origin="https://evil.example")[0] == 403
+
+
+def test_a_full_recording_ends_and_every_browser_is_told(port, monkeypatch):
+    monkeypatch.setattr(recorder, "LONGEST", 2)
+    with client(port) as socket:
+        before = hear(socket, "state")["recorded"]
+        say(socket, "record", on=True)
+        say(socket, "step")
+        say(socket, "step")
+        assert "a recording holds at most" in hear(socket, "error")["text"]
+        while (state := hear(socket, "state"))["recorded"] == before:
+            pass
+        assert state["recording"] is None
 
 
 def test_another_method_is_refused(port):

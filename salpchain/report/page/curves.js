@@ -19,7 +19,7 @@ const Curves = (() => {
 
   const named = (value, unit) => (value === 0 ? "0" : `${+value.toPrecision(6)} ${unit}`);
 
-  // panels: {title, unit, most, lines: [{values, dt, colour}]}; where everything is, in pixels.
+  // panels: {title, unit, most, lines: [{values, dt, begin, colour, goesOn}]}; where everything is, in pixels.
   function layout(width, height, panels, end) {
     const high = (height - BELOW) / panels.length - TITLE, across = width - LEFT - RIGHT;
     const times = ticksTo(end, across, 70);
@@ -74,10 +74,10 @@ const Curves = (() => {
     }
     line(ctx, [[placed.left, panel.y], [placed.left, low]], look.axis, 1);
     say(panel.title, placed.left, panel.y - 8, "left", look.ink);
-    for (const { values, dt, colour } of panel.lines) {
-      const points = Array.from(values, (value, t) => [across(placed, t * dt), up(panel, value)]);
+    for (const { values, dt, begin, colour, goesOn } of panel.lines) {
+      const points = Array.from(values, (value, t) => [across(placed, begin + t * dt), up(panel, value)]);
       line(ctx, points, colour, 1.8);
-      if (points.length) dot(ctx, points.at(-1), colour, 2.6);
+      if (points.length && !goesOn) dot(ctx, points.at(-1), colour, 2.6);
     }
   }
 
@@ -93,9 +93,9 @@ const Curves = (() => {
     const x = across(placed, time);
     for (const panel of placed.panels) {
       line(ctx, [[x, panel.y], [x, panel.y + panel.height]], look.ink, 1.2);
-      for (const { values, dt, colour } of panel.lines) {
-        const at = Math.min(Math.floor(time / dt + 1e-9), values.length - 1);
-        if (at < 0 || time > values.length * dt + 1e-9) continue;
+      for (const { values, dt, begin, colour } of panel.lines) {
+        const since = time - begin, at = Math.min(Math.floor(since / dt + 1e-9), values.length - 1);
+        if (at < 0 || since > values.length * dt + 1e-9) continue;
         dot(ctx, [x, up(panel, values[at])], look.page, 5.5);
         dot(ctx, [x, up(panel, values[at])], colour, 4);
       }

@@ -1,4 +1,4 @@
-// Plays the trajectories that this page holds.
+// Plays the trajectories that this page holds, or what was recorded of a live world (recorded.js).
 "use strict";
 (() => {
   const get = (id) => document.getElementById(id);
@@ -29,24 +29,26 @@
       for (let i = 0; i < n; i++) sum += Math.abs(swim.thrust(t, i));
       return sum / n;
     });
+    if (packed.targets) Recorded.unpack(swim, bytes);
     swim.camera = new Salp.Camera();
     return swim;
   }
 
-  const swims = JSON.parse(get("data").textContent).swims.map(unpack);
-  const together = swims.every((s) => JSON.stringify(s.target) === JSON.stringify(swims[0].target));
-  const end = Math.max(...swims.map((s) => s.steps * s.dt), 1e-9);
+  const { swims: packed, world } = JSON.parse(get("data").textContent), swims = packed.map(unpack);
+  const together = world || swims.every((s) => JSON.stringify(s.target) === JSON.stringify(swims[0].target));
+  const end = Math.max(...swims.map((s) => ((s.begin ?? 0) + s.steps) * s.dt), 1e-9);
+  if (world) swims.forEach((swim) => { swim.camera = swims[0].camera; });
   const state = { time: 0, playing: false, speed: 2, touched: false };
   const water = get("water"), curves = get("curves");
 
   function name(swim) { return `${swim.policy}, ${swim.length} units`; }
 
   function words() {
-    get("title").textContent = swims.length === 1 ? name(swims[0]) : `${swims.length} swims`;
+    get("title").textContent = world ? world.title : swims.length === 1 ? name(swims[0]) : `${swims.length} swims`;
     const one = swims[0];
     const end = one.success ? `reached its target in ${(one.steps * one.dt).toFixed(1)} s`
       : `did not reach its target in ${(one.steps * one.dt).toFixed(1)} s`;
-    get("about").textContent = swims.length === 1 ? `${end}; seed ${one.seed}, trial ${one.trial}`
+    get("about").textContent = world ? world.about : swims.length === 1 ? `${end}; seed ${one.seed}, trial ${one.trial}`
       : together ? "the same episode, side by side" : "side by side";
     document.title = `${get("title").textContent} - salpchain`;
   }
@@ -70,6 +72,8 @@
 
   // Everything that happens, below the words and above the scale bar.
   function fit() {
+    state.touched = state.seen = false;
+    if (world) return; // its view follows the chains
     const points = swims.map(reach), turn = turnOf(swims[0], swims[0].camera.box);
     swims.forEach((swim, k) => {
       const { camera } = swim, [left, top, width, height] = camera.box;
@@ -80,14 +84,13 @@
       camera.box = [left, top, width, height];
       camera.pan(0, (above - below) / 2);
     });
-    state.touched = false;
   }
 
   function layout() {
-    const { clientWidth: width, clientHeight: height } = water, count = swims.length;
+    const { clientWidth: width, clientHeight: height } = water, count = world ? 1 : swims.length;
     const columns = Math.max(1, Math.min(count, Math.round(Math.sqrt(count * width / height))));
     const lines = Math.ceil(count / columns);
-    swims.forEach((swim, k) => {
+    swims.slice(0, count).forEach((swim, k) => {
       const here = Math.min(columns, count - Math.floor(k / columns) * columns);
       const wide = width / here, high = height / lines;
       swim.camera.box = [(k % columns) * wide, Math.floor(k / columns) * high, wide, high];
@@ -115,11 +118,21 @@
         x: Salp.between(swim.x(first, i), swim.x(last, i), part),
         y: Salp.between(swim.y(first, i), swim.y(last, i), part),
         angle: Salp.betweenAngles(swim.angle(first, i), swim.angle(last, i), part),
-        thrust: swim.thrust(first, i), place: i / (swim.length - 1),
+        thrust: swim.thrust(first, i), place: i / (swim.length - 1), off: swim.off?.includes(i),
       });
     }
     return units;
   }
+
+  function drawBodies(ctx, swim, now, units) {
+    const { camera } = swim, target = swim.targetAt?.(now) ?? swim.target;
+    Salp.trail(ctx, camera, swim.centroid.slice(0, Math.floor(now) + 1));
+    Salp.strings(ctx, camera, target, units);
+    Salp.ghosts(ctx, camera, target, units);
+    Salp.chain(ctx, camera, units, state.time);
+  }
+
+  function colourOf(swim) { return LINES[(swim.chain ?? swims.indexOf(swim)) % LINES.length]; }
 
   function drawSwim(ctx, swim) {
     const { camera } = swim, now = Math.min(state.time / swim.dt, swim.steps);
@@ -129,17 +142,14 @@
     ctx.rect(left, top, width, height);
     ctx.clip();
     Salp.water(ctx, camera, state.time);
-    Salp.trail(ctx, camera, swim.centroid.slice(0, Math.floor(now) + 1));
-    Salp.strings(ctx, camera, swim.target, units);
-    Salp.ghosts(ctx, camera, swim.target, units);
-    Salp.chain(ctx, camera, units, state.time);
+    drawBodies(ctx, swim, now, units);
     Salp.scaleBar(ctx, camera);
     const done = swim.success && now >= swim.steps, look = Salp.theme();
     ctx.font = "600 15px system-ui, sans-serif";
     ctx.fillStyle = look.ink;
     if (swims.length > 1) {
       ctx.fillText(name(swim), left + 34, top + 24, width - 44);
-      ctx.fillStyle = LINES[swims.indexOf(swim) % LINES.length];
+      ctx.fillStyle = colourOf(swim);
       ctx.fillRect(left + 14, top + 17, 14, 4);
     }
     ctx.font = "14px system-ui, sans-serif";
@@ -153,8 +163,10 @@
   function panels() {
     const most = Math.max(...swims.map((s) => Math.max(...s.distance)), 0.001);
     const [unit, factor] = most < 1 ? ["cm", 100] : ["m", 1];
-    const lines = (valuesOf) => swims.map((swim, k) => (
-      { values: valuesOf(swim), dt: swim.dt, colour: LINES[k % LINES.length] }));
+    const lines = (valuesOf) => swims.map((swim) => ({
+      values: valuesOf(swim), dt: swim.dt, begin: (swim.begin ?? 0) * swim.dt, colour: colourOf(swim),
+      goesOn: Boolean(world) && (swim.begin + swim.steps) * swim.dt < end - 1e-6,
+    }));
     return [
       { title: "Mean distance to the target", unit, most: factor * most,
         lines: lines((swim) => swim.distance.map((value) => factor * value)) },
@@ -176,9 +188,11 @@
   }
 
   function draw() {
+    if (!water.clientWidth || !water.clientHeight) return; // a frame that is not laid out yet
     if (Salp.resize(water) | Salp.resize(curves)) layout();
     const ctx = water.getContext("2d");
-    swims.forEach((swim) => drawSwim(ctx, swim));
+    if (world) Recorded.draw(ctx, world, swims, state, end, { unitsAt, drawBodies, colourOf });
+    else swims.forEach((swim) => drawSwim(ctx, swim));
     drawCurves();
     get("scrub").value = state.time;
     get("scrub").setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds`);
@@ -200,13 +214,17 @@
     get("speed").value = String(state.speed);
   }
 
-  function look(change) { swims.forEach(({ camera }) => change(camera)); state.touched = true; }
+  function look(change) {
+    new Set(swims.map(({ camera }) => camera)).forEach(change);
+    state.touched = true;
+  }
 
   const zoom = (factor) => look((camera) => {
     const [left, top, width, height] = camera.box;
     camera.zoom(factor, left + width / 2, top + height / 2);
   });
   const step = (event, way) => { play(false); seek(state.time + way * (event.shiftKey ? 1 : swims[0].dt)); };
+  const help = () => { get("help").showModal(); get("help").scrollTop = 0; };
   const KEYS = {
     " ": () => play(!state.playing),
     ArrowRight: (event) => step(event, 1), ArrowLeft: (event) => step(event, -1),
@@ -215,10 +233,11 @@
     "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "0": fit,
     w: () => look((c) => c.pan(0, 40)), s: () => look((c) => c.pan(0, -40)),
     a: () => look((c) => c.pan(40, 0)), d: () => look((c) => c.pan(-40, 0)),
-    "?": () => get("help").showModal(),
+    "?": help,
   };
 
   document.addEventListener("keydown", (event) => {
+    document.documentElement.classList.add("keyboard");
     if (event.ctrlKey || event.metaKey || event.altKey || get("help").open) return;
     const on = document.activeElement, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (on.tagName === "SELECT" || (on.tagName === "BUTTON" && key === " ") || !KEYS[key]) return;
@@ -229,7 +248,7 @@
   get("scrub").addEventListener("input", (event) => { play(false); seek(+event.target.value); });
   get("speed").addEventListener("change", (event) => { state.speed = +event.target.value; });
   get("fit").addEventListener("click", fit);
-  get("keys").addEventListener("click", () => get("help").showModal());
+  get("keys").addEventListener("click", help);
   Salp.pointers(water, cameraAt, undefined, share);
   Salp.pointers(curves, cameraAt, (x) => {
     const go = (px) => { play(false); seek(Curves.timeAt(state.curves, px)); };

@@ -72,6 +72,7 @@
       epoch: state.epoch, time: state.time, paused: state.paused, pacing: state.speed, current: state.current,
       policy: state.policy, loading: state.loading, took: state.took,
     });
+    Recording.hear(state);
     if (live.held?.waits) answerHeld(state);
     if (!live.chosen()) live.name = live.chains[0]?.name ?? null;
     words();
@@ -320,7 +321,7 @@
   function drawCurrent() {
     const [x, y] = live.current, speed = Math.hypot(x, y), look = Salp.theme();
     if (speed < 1e-3) return;
-    const size = 18 + 120 * speed, angle = Math.atan2(-y, x), px = 44, py = 44;
+    const size = 18 + 120 * speed, angle = Math.atan2(-y, x), px = 44, py = water.clientWidth < 700 ? 96 : 44;
     ctx.beginPath();
     ctx.moveTo(px - size / 2 * Math.cos(angle), py - size / 2 * Math.sin(angle));
     const tip = [px + size / 2 * Math.cos(angle), py + size / 2 * Math.sin(angle)];
@@ -332,7 +333,7 @@
     Salp.stroke(ctx, look.ink, 2.5);
     ctx.fillStyle = look.faint;
     ctx.font = "12px system-ui, sans-serif";
-    ctx.fillText(`current ${(100 * speed).toFixed(0)} cm/s`, 12, 88);
+    ctx.fillText(`current ${(100 * speed).toFixed(0)} cm/s`, 12, py + 44);
   }
 
   function frame(now) {
@@ -360,7 +361,7 @@
     () => { live.following = false; });
   document.addEventListener("keydown", (event) => {
     document.documentElement.classList.add("keyboard");
-    if (event.ctrlKey || event.metaKey || get("help").open) return;
+    if (event.ctrlKey || event.metaKey || document.querySelector("dialog[open]")) return;
     const on = document.activeElement, key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (on.tagName === "SELECT" || (on.tagName === "BUTTON" && key === " ") || !Tools.KEYS[key]) return;
     event.preventDefault();
@@ -388,6 +389,7 @@
     event.target.blur();
   });
 
+  Recording.begin(live);
   window.live = live;
   connect();
   requestAnimationFrame(frame);

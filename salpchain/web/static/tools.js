@@ -251,7 +251,7 @@ const Tools = (() => {
     x: (live) => withChain(live, "cut", (chain) => ({ link: Math.min(live.unit ?? Math.floor(chain.units.length / 2) - 1, chain.units.length - 2) })),
     j: join, t: toggle, k: kick, c: (live) => live.send("flow", { x: 0, y: 0 }),
     " ": (live) => live.send("pause", { on: !live.paused }), s: (live) => live.send("step"),
-    g: (live) => retarget(live, live.chosen()),
+    v: (live) => Recording.press(live), g: (live) => retarget(live, live.chosen()),
     "[": (live) => live.pace(-1), "]": (live) => live.pace(1), r: (live) => live.send("reset"),
     PageUp: (live) => live.zoom(1.25), PageDown: (live) => live.zoom(0.8), 0: (live) => live.follow(),
     "?": (live) => live.help(),
