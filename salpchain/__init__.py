@@ -28,6 +28,7 @@ _PUBLIC = {
     "PPOConfig": "salpchain.training.config",
     "Mix": "salpchain.training.config",
     "TrainConfig": "salpchain.training.config",
+    "preset": "salpchain.training.settings",
     "train": "salpchain.training.trainer",
     "resume": "salpchain.training.trainer",
     "evaluate": "salpchain.evaluation.evaluate",
@@ -62,6 +63,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig
+    from salpchain.training.settings import preset as preset
     from salpchain.training.trainer import resume as resume
     from salpchain.training.trainer import train as train
 else:

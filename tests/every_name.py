@@ -9,6 +9,7 @@ import jax
 
 import salpchain
 
+reveal_type(salpchain.use_cache())
 try:
     policy = salpchain.load("any-length")
 except salpchain.InputError as error:
@@ -39,6 +40,7 @@ config = salpchain.TrainConfig(
 )
 reveal_type(replace(config, steps=1000))
 reveal_type(config.ppo.learning_rate)
+reveal_type(salpchain.preset("quick", length=8, settings={"ppo.learning_rate": 1e-3}))
 reveal_type(salpchain.train(config, "runs/one"))
 reveal_type(salpchain.resume(Path("runs/one")))
 reveal_type(salpchain.evaluate(policy, [8, 16], 20, "scaled", 0, "results"))

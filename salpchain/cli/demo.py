@@ -6,6 +6,7 @@ from pathlib import Path
 
 from salpchain.cli import train as train_command
 from salpchain.cli.options import Folder, Lengths, Whole, positive
+from salpchain.cli.settings import File, Sets
 from salpchain.evaluation.config import parse_lengths
 from salpchain.installation import program
 from salpchain.training import run_folder
@@ -33,6 +34,10 @@ class Demo:
     """Lengths to test; 4:64:4 are the paper's."""
     trials: Whole = "20"
     """Episodes of each length; few, so that the demo takes minutes."""
+    config: File = ""
+    """Settings of the training from a file, as of salpchain train."""
+    set: Sets = ()
+    """Any setting of the training, as of salpchain train; may be given several times."""
 
 
 def run(options: Demo) -> int:
@@ -52,7 +57,12 @@ def _train(options: Demo, run: Path) -> int:
     """Trains, or goes on with a training that was interrupted, unless it is whole."""
     resume = (run / run_folder.CONFIG_FILE).exists()
     asked = train_command.Train(
-        out=str(run), preset="quick", seed=options.seed, steps=options.steps, resume=resume
+        out=str(run),
+        config=options.config,
+        set=options.set,
+        seed=options.seed,
+        steps=options.steps,
+        resume=resume,
     )
     return train_command.run(asked)
 

@@ -7,9 +7,9 @@ import tyro
 from salpchain.errors import InputError
 
 
-def text_option(metavar: str) -> Any:
-    """An option read as text; a default of nothing is not shown."""
-    return tyro.conf.arg(metavar=metavar, help_behavior_hint=_default)
+def text_option(metavar: str, name: str | None = None) -> Any:
+    """An option read as text; a default of nothing is not shown. `name`: if not the field's."""
+    return tyro.conf.arg(name=name, metavar=metavar, help_behavior_hint=_default)
 
 
 def _default(shown: str) -> str:

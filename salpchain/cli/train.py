@@ -6,11 +6,26 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
+from salpchain.cli.settings import File, Sets, check_agrees, combined, typed
+from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.named import is_name
 from salpchain.errors import InputError
 from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
-from salpchain.training import presets, run_folder
-from salpchain.training.config import Mix, TrainConfig
+from salpchain.training import run_folder
+from salpchain.training.config import TrainConfig
+from salpchain.training.settings import compose
+
+# The setting of each option
+PATHS = {
+    "preset": "preset",
+    "model": "control.model",
+    "graph": "control.graph",
+    "observation": "task.observation",
+    "seed": "seed",
+    "steps": "steps",
+    "weights": "mix.weights",
+    "curriculum": "mix.grow",
+}
 
 
 @dataclass(frozen=True)
@@ -26,6 +41,8 @@ class Train:
     Example: salpchain train --length 8 --preset quick --seed 0 --out runs/eight
 
     Example: salpchain train --length 4..16 --curriculum 0.9 --out runs/many
+
+    Example: salpchain train --set ppo.learning_rate=1e-3 --set ppo.envs=512 --out runs/fast
     """
 
     out: Folder = ""
@@ -54,6 +71,12 @@ class Train:
     """Chain-steps in all, in whole rollouts. Default of quick: 1000000, and 31250 for each unit of
     the longest chain (gt on mixed: 500000 and 93750), twice that on several lengths; of paper:
     30720000."""
+    config: File = ""
+    """Settings from a file: a run's config.json, or a TOML with the same tables. They stand above
+    the preset; --set and the options above stand above them."""
+    set: Sets = ()
+    """Any setting of config.json, such as ppo.learning_rate=1e-3; may be given several times.
+    docs/settings.md lists them."""
     resume: bool = False
     """Go on with the run in --out from its last checkpoint."""
 
@@ -97,6 +120,7 @@ def settings(options: Train, folder: Path) -> TrainConfig:
     if not options.resume:
         return _new(options, asked)
     config, _ = run_folder.read_config(folder)
+    check_agrees(combined(options.config, options.set, {}), config, folder)
     has = _of_run(config)
     for name, (value, text) in has.items():
         if asked[name] not in (None, value):
@@ -147,20 +171,26 @@ def _share(name: str, text: str) -> float | None:
 
 def _new(options: Train, asked: dict[str, Any]) -> TrainConfig:
     """The settings of a new run."""
-    lengths = asked["length"] or ()
-    many = len(lengths) > 1
+    given = {path: (name, value) for name, (path, value) in _paths(asked).items()}
+    values = combined(options.config, options.set, given)
     for name in ("weights", "curriculum"):
-        if asked[name] is not None and not many:
+        if asked[name] is not None and len(values.get("mix.lengths", ())) < 2:
             got = options.length or "none"
             raise InputError(f"--{name} needs several lengths, got {got}: try --length 4..16")
-    mix = Mix(lengths if many else (), asked["weights"] or (), asked["curriculum"] or 0.0)
-    names = ("model", "graph", "observation", "seed", "steps")
-    return presets.choose(
-        asked["preset"] or "quick",
-        length=lengths[-1] if lengths else None,
-        mix=mix,
-        **{name: asked[name] for name in names},
-    )
+    model = values.get("control.model")
+    if model in SINGLE_LENGTH and "control.graph" in {*given, *typed(options.set)}:
+        graph = values["control.graph"]
+        raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
+    return compose(values)
+
+
+def _paths(asked: dict[str, Any]) -> dict[str, tuple[str, Any]]:
+    """Path and value of each option that was given."""
+    paths = {**PATHS, "length": "mix.lengths"}
+    lengths = asked["length"] or ()
+    if len(lengths) == 1:
+        paths["length"], asked = "task.length", {**asked, "length": lengths[0]}
+    return {name: (path, asked[name]) for name, path in paths.items() if asked[name] is not None}
 
 
 def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from salpchain.domain.config import one_of
+from salpchain.domain.config import check_kinds, one_of
 from salpchain.errors import InputError
 
 MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
@@ -29,6 +29,7 @@ class ControlConfig:
     depth: int = PAPER_DEPTH  # graph layers; a unit hears as many links far
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         one_of("model", self.model, MODELS)
         one_of("graph", self.graph, GRAPH_NAMES)
         if self.improved and self.model != "gcn":

@@ -1,7 +1,8 @@
 """Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
+from typing import Any, get_args, get_type_hints
 
 from salpchain.errors import InputError
 
@@ -74,6 +75,33 @@ class TaskConfig:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+KINDS: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a finite number",
+    str: "text",
+    tuple[int, ...]: "whole numbers",
+    tuple[float, ...]: "finite numbers",
+}
+
+
+def is_kind(value: object, kind: Any) -> bool:
+    """Whether this is a value of one of `KINDS`; a truth value is no number."""
+    if kind is float:
+        return _is_number(value) and isfinite(value)  # type: ignore[arg-type]
+    if kind in KINDS and not get_args(kind):
+        return type(value) is kind
+    return isinstance(value, tuple) and all(is_kind(one, get_args(kind)[0]) for one in value)
+
+
+def check_kinds(config: Any) -> None:
+    """Raise InputError unless every field of a dataclass is of its kind, as annotated."""
+    for name, kind in get_type_hints(type(config)).items():
+        value = getattr(config, name)
+        if kind in KINDS and not is_kind(value, kind):
+            raise InputError(f"{name} must be {KINDS[kind]}, got {value!r}")
 
 
 def check_length(length: int) -> int:

@@ -3,10 +3,11 @@
 from dataclasses import dataclass, field
 
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
-from salpchain.domain.config import TaskConfig, check_length, check_seed, one_of
+from salpchain.domain.config import TaskConfig, check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
+MOST_BATCH = 10**8  # chain-steps between two updates (chosen; no machine has room for more)
 WEIGHTS = (1e-6, 1e6)  # of lengths; far apart, in single precision, one would be nothing (chosen)
 RATIOS = ("chain", "unit")
 CREDITS = ("chain", "unit")
@@ -37,16 +38,22 @@ class PPOConfig:
     value_weight: float = 0.5
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         for name in ("envs", "rollout", "minibatch", "epochs", "learning_rate", "max_grad_norm"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} must be positive, got {getattr(self, name)}")
         for name in ("gamma", "lam", "clip", "final_rate", "final_entropy"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
+        for name in ("entropy", "value_weight"):
+            if getattr(self, name) < 0:
+                raise InputError(f"{name} must be 0 or more, got {getattr(self, name)}")
         one_of("ratio", self.ratio, RATIOS)
         one_of("credit", self.credit, CREDITS)
         if self.credit == "unit" and self.ratio != "unit":
             raise InputError(f"credit unit needs ratio unit, got ratio {self.ratio}")
+        if self.batch > MOST_BATCH:
+            raise InputError(f"envs x rollout must be at most {MOST_BATCH:,}, got {self.batch:,}")
         if self.batch % self.minibatch:
             raise InputError(
                 f"minibatch must divide envs x rollout = {self.batch}, got {self.minibatch}"
@@ -79,6 +86,7 @@ class Mix:
     grow: float = 0.0  # share of successes at which the next length joins; 0: no curriculum
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         for length in self.lengths:
             check_length(length)
         if list(self.lengths) != sorted(set(self.lengths)):
@@ -118,6 +126,7 @@ class TrainConfig:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         if not 1 <= self.steps <= MOST_STEPS:
             raise InputError(f"steps must be positive, at most {MOST_STEPS:,}, got {self.steps}")
         check_seed(self.seed)

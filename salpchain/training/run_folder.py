@@ -16,6 +16,7 @@ from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_json, write_json, write_text
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
+from salpchain.training.settings import changed
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
@@ -65,10 +66,11 @@ def is_finished(run: StrPath) -> bool:
 
 
 def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
-    """Every setting, package versions and the device, as plain JSON values."""
+    """Every setting, those changed from the preset, versions and device, as plain JSON values."""
     return {
         "format": FORMAT,
         "config": dataclasses.asdict(config),
+        "changed": changed(config),
         "devices": devices,
         "device": device,
         "python": platform.python_version(),

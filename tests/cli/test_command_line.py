@@ -71,7 +71,10 @@ BAD = [
     (["train", "--out", "NEW", "--length", "4,8", "--weights", "1,much"], "must be numbers"),
     (["train", "--out", "NEW", "--length", "5,2", "--weights", "9,1"], "try --length 2,5"),
     (["train", "--out", "NEW", "--length", "4,4,8", "--weights", "1,2,3"], "try --length 4,8"),
-    (["train", "--out", "NEW", "--length", "4,8", "--weights", "nan,1"], "to 1000000, got nan,1"),
+    (
+        ["train", "--out", "NEW", "--length", "4,8", "--weights", "nan,1"],
+        "weights must be finite numbers, got (nan, 1.0)",
+    ),
     (["train", "--out", "NEW", "--length", "4,8", "--weights", ""], "--weights is empty"),
     (["train", "--out", "NEW", "--seed=", "--resume"], "--seed is empty"),
     (["evaluate", "", "--out", "NEW"], "an argument is empty"),

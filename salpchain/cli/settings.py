@@ -1,0 +1,125 @@
+"""`--set` and `--config`: any setting of a training from the command line or a file."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from salpchain.cli.options import text_option
+from salpchain.errors import InputError
+from salpchain.files import read_json
+from salpchain.training.config import TrainConfig
+from salpchain.training.run_folder import CONFIG_FILE, FORMAT
+from salpchain.training.settings import SETTINGS, check_path, checked, flat, overlay, parsed
+
+Sets = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, text_option("PATH=VALUE", name="set")]
+File = Annotated[str, text_option("FILE")]
+
+
+def read_settings(name: str) -> dict[str, Any]:
+    """The settings in a file, by path: a run's `config.json` (or the run's folder), or a TOML.
+
+    A file of a run has all of them; one that came with a later version has its default.
+
+    Raises:
+        InputError: no such file, not such a file, an unknown setting, or a value of another type.
+    """
+    path = Path(name) / CONFIG_FILE if Path(name).is_dir() else Path(name)
+    content = _toml(path) if path.suffix == ".toml" else read_json(path)
+    if not isinstance(content, dict):
+        raise InputError(f"{path} holds no settings: it must have tables such as task and ppo")
+    of_run = "config" in content
+    if of_run:
+        _check_format(content.get("format"), path)
+        content = content["config"]
+    try:
+        values = {path: checked(path, value) for path, value in _flattened(content).items()}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return {**flat(TrainConfig()), **values} if of_run else values
+
+
+def _toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"no such file: {path}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid TOML ({error})") from None
+
+
+def _check_format(version: Any, path: Path) -> None:
+    if type(version) is not int or version > FORMAT:
+        raise InputError(f"{path} was made by a newer salpchain: upgrade salpchain")
+
+
+def _flattened(content: Any) -> dict[str, Any]:
+    """Values by path; one that is no table where a table belongs stays, to be refused."""
+    if not isinstance(content, dict):
+        raise InputError(f"settings must be a table, got {content!r}")
+    tables = {path.partition(".")[0] for path in SETTINGS if "." in path}
+    values: dict[str, Any] = {}
+    for name, value in content.items():
+        if name not in tables:
+            values[name] = value
+        elif not isinstance(value, dict):
+            raise InputError(f"{name} must be a table, got {value!r}")
+        else:
+            values |= {f"{name}.{inner}": given for inner, given in value.items()}
+    return values
+
+
+def typed(sets: Sequence[str]) -> dict[str, Any]:
+    """The values of `--set PATH=VALUE`, by path.
+
+    Raises:
+        InputError: another form, an unknown setting, a value of another type, or a setting given
+            twice.
+    """
+    values: dict[str, Any] = {}
+    for text in sets:
+        path, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"--set must be like ppo.learning_rate=1e-3, got {text!r}")
+        if path in values:
+            raise InputError(f"--set {path} is given twice: leave one out")
+        values[path] = parsed(path, value)
+    return values
+
+
+def combined(
+    file: str, sets: Sequence[str], options: Mapping[str, tuple[str, Any]]
+) -> dict[str, Any]:
+    """What was asked for, by path: the file's settings, over them `--set` and the options.
+
+    `options` has the value by path and the name of each option that was given.
+
+    Raises:
+        InputError: as `read_settings` and `typed`; two that contradict each other.
+    """
+    above = typed(sets)
+    for path, (name, value) in options.items():
+        if above.get(path, value) != value:
+            raise InputError(f"--set {path} and --{name} contradict each other: leave one out")
+    above |= {path: value for path, (_, value) in options.items()}
+    below = read_settings(file) if file else {}
+    if below.get("preset", above.get("preset")) != above.get("preset", below.get("preset")):
+        raise InputError(
+            f"{file} says preset {below['preset']}, {above['preset']} was given: leave the preset"
+            " out, for all settings of the file stand above it"
+        )
+    return overlay(below, above)
+
+
+def check_agrees(asked: Mapping[str, Any], config: TrainConfig, run: Path) -> None:
+    """Raise InputError unless the run has these settings, by path."""
+    has = flat(config)
+    for path, value in asked.items():
+        check_path(path)
+        if has[path] != value:
+            raise InputError(
+                f"--resume goes on with the settings of {run}, but {path} is {has[path]} in the"
+                f" run, {value} was given: leave it out"
+            )

@@ -1,0 +1,195 @@
+"""Settings of a training by their paths, such as `ppo.learning_rate`, laid over a preset.
+
+The paths are those of a run's `config.json`. Imports nothing heavy: the command line reads it.
+"""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, is_dataclass, replace
+from typing import Any, get_type_hints
+
+from salpchain.control.config import SINGLE_LENGTH, ControlConfig
+from salpchain.domain.config import KINDS, TaskConfig, is_kind, one_of
+from salpchain.errors import InputError
+from salpchain.evaluation.config import parse_lengths
+from salpchain.training.config import TrainConfig
+from salpchain.training.presets import PRESETS, many_lengths
+
+CUSTOM = "custom"  # what a run is called whose settings come from no preset
+ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}
+VARIANTS = ("model", "graph")  # of the controller, for which a preset may have values of its own
+BOOLS = {"true": True, "false": False}
+
+
+def _kinds(config: type, before: str = "") -> dict[str, Any]:
+    """The type of every setting of a dataclass by its path."""
+    found: dict[str, Any] = {}
+    for name, kind in get_type_hints(config).items():
+        found |= _kinds(kind, f"{name}.") if is_dataclass(kind) else {before + name: kind}
+    return found
+
+
+SETTINGS = _kinds(TrainConfig)
+
+
+def flat(config: TrainConfig) -> dict[str, Any]:
+    """The value of every setting by its path."""
+    values = asdict(config)
+    parts = {path: path.split(".") for path in SETTINGS}
+    return {path: values[p[0]] if len(p) == 1 else values[p[0]][p[1]] for path, p in parts.items()}
+
+
+def check_path(path: str) -> None:
+    """Raise InputError unless there is such a setting; the message names the nearest."""
+    if path in SETTINGS:
+        return
+    last = {known.rpartition(".")[2]: known for known in SETTINGS}
+    near = difflib.get_close_matches(path, SETTINGS, n=1, cutoff=0.7)
+    near = near or [last[n] for n in difflib.get_close_matches(path.rpartition(".")[2], last, n=1)]
+    near = near or difflib.get_close_matches(path, SETTINGS, n=1, cutoff=0.0)
+    raise InputError(f"unknown setting {path!r}: perhaps {near[0]}")
+
+
+def checked(path: str, value: Any) -> Any:
+    """The value as the setting holds it: lists as tuples, whole numbers as such or as decimals.
+
+    Raises:
+        InputError: no such setting, or a value of another type.
+    """
+    check_path(path)
+    kind = SETTINGS[path]
+    value = tuple(value) if isinstance(value, list) else value
+    if not is_kind(value, kind):
+        raise InputError(f"{path} must be {KINDS[kind]}, got {value!r}")
+    return float(value) if kind is float else value
+
+
+def parsed(path: str, text: str) -> Any:
+    """The value of a setting that was typed: `true`, `1e-3`, `4,8,16` or `4..16`.
+
+    Raises:
+        InputError: no such setting, or the text is no such value.
+    """
+    check_path(path)
+    kind = SETTINGS[path]
+    try:
+        return checked(path, _value(kind, text))
+    except (ValueError, OverflowError, KeyError):
+        raise InputError(f"{path} must be {KINDS[kind]}, got {text!r}") from None
+
+
+def _value(kind: Any, text: str) -> Any:
+    if kind is bool:
+        return BOOLS[text.lower()]
+    if kind is int:
+        return _whole(text)
+    if kind is float:
+        return float(text)
+    if kind is str:
+        return text
+    if kind == tuple[int, ...]:
+        return tuple(parse_lengths(text)) if text else ()
+    return tuple(float(part) for part in text.split(",")) if text else ()
+
+
+def _whole(text: str) -> int:
+    """A whole number, which may be typed as 30_000 or 3e4."""
+    try:
+        return int(text)
+    except ValueError:
+        value = float(text)
+        if not value.is_integer():
+            raise
+        return int(value)
+
+
+def overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings where those above win. The lengths go together: new ones replace all of the old."""
+    lengths = above.get("mix.lengths")
+    if lengths:
+        above = {"task.length": max(lengths), **above}
+    if lengths is None and "task.length" in above and below.get("mix.lengths"):
+        above = {**ONE_LENGTH, **above}
+    if lengths is not None and len(lengths) < 2:
+        above = {**ONE_LENGTH, **above}
+    return {**below, **above}
+
+
+def compose(values: Mapping[str, Any]) -> TrainConfig:
+    """A preset with these settings in place of its own; `preset` among them names it.
+
+    What a preset depends on (model, graph, lengths) is taken into account before the rest is laid
+    over it.
+
+    Raises:
+        InputError: an unknown setting or preset, or values that cannot be.
+    """
+    values = overlay({}, {path: checked(path, value) for path, value in values.items()})
+    return laid_over(_base(values), values)
+
+
+def _base(values: Mapping[str, Any]) -> TrainConfig:
+    """The preset as it is for the model, graph and lengths among the values."""
+    name = values.get("preset", "quick")
+    one_of("preset", name, (*PRESETS, CUSTOM))
+    given = {part: values[f"control.{part}"] for part in VARIANTS if f"control.{part}" in values}
+    length, control = values.get("task.length", TaskConfig.length), ControlConfig(**given)
+    if name == CUSTOM:
+        return TrainConfig(task=TaskConfig(length=length), control=control, preset=CUSTOM)
+    base = PRESETS[name](length, control)
+    many = name == "quick" and len(values.get("mix.lengths", ())) > 1
+    return many_lengths(base) if many else base
+
+
+def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
+    """The config with these settings in place of its own, checked all together.
+
+    Raises:
+        InputError: values that cannot be.
+    """
+    parts: dict[str, dict[str, Any]] = {}
+    for path, value in values.items():
+        part, _, name = path.rpartition(".")
+        parts.setdefault(part, {})[name] = value
+    whole = parts.pop("", {})
+    built = {part: replace(getattr(config, part), **given) for part, given in parts.items()}
+    return replace(config, **built, **whole)
+
+
+def changed(config: TrainConfig) -> list[str]:
+    """The paths of all settings that are otherwise than in the config's preset.
+
+    What one chooses a variant of a preset by is not among them: model, graph, lengths, seed. None
+    of a config without a preset.
+    """
+    if config.preset not in PRESETS:
+        return []
+    values = flat(config)
+    base = flat(_base(values))
+    chosen = {"control.model", "control.graph", "task.length", "seed", *ONE_LENGTH}
+    return [path for path in SETTINGS if path not in chosen and values[path] != base[path]]
+
+
+def preset(
+    name: str = "quick",
+    *,
+    length: int | Sequence[int] = TaskConfig.length,
+    model: str | None = None,
+    graph: str | None = None,
+    seed: int = 0,
+    settings: Mapping[str, object] | None = None,
+) -> TrainConfig:
+    """A preset for a chain length (units), or for several at once, with single settings changed.
+
+    `settings` has any of `config.json` by their paths: `{"ppo.learning_rate": 1e-3}`.
+
+    Raises:
+        InputError: no such preset or setting, or a value that cannot be; it says what would be.
+    """
+    lengths = {"task.length": length} if isinstance(length, int) else {"mix.lengths": tuple(length)}
+    if model in SINGLE_LENGTH and graph is not None:
+        raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
+    asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
+    values = {path: value for path, value in asked.items() if value is not None}
+    above = {path: checked(path, value) for path, value in (settings or {}).items()}
+    return compose(overlay({**values, **lengths}, above))
