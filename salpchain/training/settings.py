@@ -21,7 +21,7 @@ VARIANTS = ("model", "graph")  # of the controller, for which a preset may have 
 BOOLS = {"true": True, "false": False}
 
 
-def _kinds(config: type, before: str = "") -> dict[str, Any]:
+def _kinds(config: Any, before: str = "") -> dict[str, Any]:
     """The type of every setting of a dataclass by its path."""
     found: dict[str, Any] = {}
     for name, kind in get_type_hints(config).items():
