@@ -43,7 +43,8 @@ def gymnasium_share() -> dict[str, Any]:
 
     import salpchain.interop.gymnasium  # noqa: F401
 
-    env = gymnasium.make_vec("salpchain/SCLD-v0", num_envs=ENVS, length=UNITS)
+    task = {"num_envs": ENVS, "length": UNITS}
+    env = gymnasium.make_vec("salpchain/SCLD-v0", autoreset_mode="SameStep", **task)
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1, 1, (ENVS, UNITS, 1)).astype(np.float32)
     bare = _bare(actions)

@@ -44,6 +44,7 @@ class Programs(NamedTuple):
     step: Callable[[State, Any], tuple[State, Outcome]]  # finished episodes renewed
     advance: Callable[[State, Any], tuple[State, Outcome]]  # the same, none renewed
     renew: Callable[[State, Any], State]  # new episodes where (env,) flags say so
+    step_or_renew: Callable[[State, Any, Any], tuple[State, Outcome]]  # renew where flags say so
 
 
 @functools.cache
@@ -69,8 +70,13 @@ def programs(config: TaskConfig, limit: int) -> Programs:
         fresh = renew_done(env, asked)
         return _with_ends(fresh, states.terminated & ~flags, states.truncated & ~flags)
 
+    def step_or_renew(states: State, action: Array, flags: Array) -> tuple[State, Outcome]:
+        after = stepped(states, action)
+        renewed = renew(after, flags)
+        return renewed, _outcome(after, renewed)
+
     reset = jax.vmap(lambda key: env.reset(key))
-    return Programs(*map(jax.jit, (reset, step, advance, renew)))
+    return Programs(*map(jax.jit, (reset, step, advance, renew, step_or_renew)))
 
 
 def _with_ends(states: State, terminated: Array, truncated: Array) -> State:
@@ -205,6 +211,17 @@ class Batch:
         states = self.started()
         action = checked_actions(action, (self.num_envs, *self.action_shape))
         return self._stepped(states, action)
+
+    def step_or_renew(self, action: Any, flags: np.ndarray) -> Outcome:
+        """`step` without renewal, but a new episode for the flagged chains instead of a step.
+
+        Raises:
+            As `step`.
+        """
+        states = self.started()
+        action = checked_actions(action, (self.num_envs, *self.action_shape))
+        self.states, outcome = self._programs.step_or_renew(states, action, flags)
+        return outcome
 
     def step_one(self, action: Any) -> Outcome:
         """The same for a batch of one, whose action has no axis of environments: (unit, act)."""

@@ -99,12 +99,18 @@ def _in_brax(state: State) -> base.State:
 
 
 class Renewing(base.Wrapper):
-    """A batch in which a finished episode is followed by a new one with a start of its own."""
+    """A batch in which a finished episode is followed by a new one with a start of its own.
+
+    `info["final_obs"]` is what the last step led to, before any new episode: where an episode
+    ended, its last observation (`obs` is then the first of the next); elsewhere it equals `obs`.
+    """
 
     def reset(self, rng: Array) -> base.State:
         """New episodes, from random keys of either kind (Brax's wrappers know the old one)."""
         typed = jnp.issubdtype(rng.dtype, jax.dtypes.prng_key)
-        return self.env.reset(jax.random.key_data(rng) if typed else rng)
+        state = self.env.reset(jax.random.key_data(rng) if typed else rng)
+        state.info["final_obs"] = state.obs
+        return state
 
     def step(self, state: base.State, action: Float[Array, "env act"]) -> base.State:
         """One control step of every chain; `done` tells whose episode ended in it."""
@@ -113,6 +119,7 @@ class Renewing(base.Wrapper):
         state = self.env.step(replace(state, done=jnp.zeros_like(state.done)), action)
         fresh = self._renewed(state.pipeline_state, state.done > 0)
         obs = fresh.obs.reshape(fresh.obs.shape[0], -1)
+        state.info.update(final_obs=state.obs)
         return replace(state, pipeline_state=fresh, obs=obs)
 
     def _renewed(self, states: Any, done: Array) -> State:

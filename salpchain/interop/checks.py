@@ -67,6 +67,19 @@ def checked_seed(seed: Any) -> int:
     return check_seed(int(seed))
 
 
+def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
+    """The options of a reset; none are no options.
+
+    Raises:
+        InputError: an option that is not known.
+    """
+    for name in options or {}:
+        if name not in known:
+            there = ", ".join(known) or "there are none here"
+            raise InputError(f"unknown option {name!r} of reset: {there}")
+    return options or {}
+
+
 def checked_actions(action: Any, shape: tuple[int, ...]) -> Any:
     """The actions in JAX's precision, (env, unit, act) or of one chain (unit, act).
 

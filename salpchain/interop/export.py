@@ -3,7 +3,11 @@
 from importlib import import_module
 from pathlib import Path
 
+import jax
+import numpy as np
+
 from salpchain.control.policy import Controller, Policy
+from salpchain.control.storage import network_shapes
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath
@@ -16,15 +20,34 @@ def export(policy: Controller, path: StrPath, kind: str) -> None:
     """The policy as one file of this kind, `onnx` or `torch`.
 
     Raises:
-        InputError: no such kind, no learned policy, or its extra is not installed.
+        InputError: no such kind, no learned policy, a network that is not the one its card names,
+            or the extra is not installed.
         OSError: the folder is missing or not writable, or the disk is full.
     """
     one_of("format", kind, FORMATS)
     if not isinstance(policy, Policy):
         raise InputError(f"only a learned policy can be exported, got {policy!r:.60}")
+    _check_known(policy)
     path = Path(path)
     if kind == "onnx":
         import_module("salpchain.interop.onnx").export_onnx(policy, path)
     else:
         save = import_module("salpchain.interop.network").save_torch
         save(to_arrays(policy.network), metadata(policy.card), path)
+
+
+def _check_known(policy: Policy) -> None:
+    """Raise InputError unless the network is that of the settings on its card.
+
+    The formats have the layers of those networks alone; any other would be written wrongly.
+    """
+    known, network = network_shapes(policy.card), policy.network
+    alike = jax.tree.structure(known) == jax.tree.structure(network)
+    if not alike or [x.shape for x in jax.tree.leaves(known)] != [
+        np.shape(x) for x in jax.tree.leaves(network)
+    ]:
+        raise InputError(
+            f"only the networks of salpchain can be exported, as their card names them: the card of"
+            f" {policy.card.name} names {policy.card.control.model}, its network is another"
+            f" ({type(network).__name__})"
+        )

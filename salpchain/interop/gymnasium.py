@@ -13,7 +13,7 @@ import numpy as np
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch, Outcome, Seeds
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 
@@ -61,7 +61,7 @@ class SalpEnv(gymnasium.Env):
         Raises:
             InputError: a seed that cannot be, or an option: there are none.
         """
-        _check_options(options, ())
+        check_options(options, ())
         super().reset(seed=seed)
         obs = np.array(self._batch.reset(seed))[0]
         self._show()
@@ -82,12 +82,12 @@ class SalpEnv(gymnasium.Env):
     def render(self) -> Frame | None:  # type: ignore[override]
         """The picture of the present state in mode `rgb_array`; else nothing."""
         if self.render_mode == "rgb_array":
-            return self._screen.frame(_one(self._batch.started(), 0))
+            return self._screen.frame(one(self._batch.started(), 0))
         return None
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._screen.show(_one(self._batch.started(), 0))
+            self._screen.show(one(self._batch.started(), 0))
 
     def close(self) -> None:
         """Closes the window, if there is one."""
@@ -97,11 +97,12 @@ class SalpEnv(gymnasium.Env):
 class SalpVectorEnv(VectorEnv):
     """`num_envs` chains stepped by one compiled program.
 
-    What follows a finished episode is Gymnasium's autoreset mode: a new one in the same step (the
-    last observation and info of the old one are then in `info["final_obs"]` and
-    `info["final_info"]`), a new one in the next step, or nothing until
-    `reset(options={"reset_mask": ...})`. Chain i of seed s starts as
-    `SalpEnv` does with seed s + i.
+    What follows a finished episode is Gymnasium's autoreset mode: a new one in the next step, as
+    its own vector environments do (the action of that chain is then ignored, its reward is 0), a
+    new one in the same step (`autoreset_mode="SameStep"`, the last observation and info of the old
+    one are then in `info["final_obs"]` and `info["final_info"]`), or nothing until
+    `reset(options={"reset_mask": ...})` (`"Disabled"`). Chain i of seed s starts as `SalpEnv` does
+    with seed s + i.
 
     Raises:
         InputError: a setting of the task, a number of chains, a time limit, a mode of autoreset or
@@ -114,7 +115,7 @@ class SalpVectorEnv(VectorEnv):
         self,
         num_envs: int = 1,
         render_mode: str | None = None,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         **task: Any,
     ) -> None:
@@ -143,7 +144,7 @@ class SalpVectorEnv(VectorEnv):
             InputError: seeds that cannot be, or not one for each chain; a mask that is not one
                 boolean for each; another option.
         """
-        mask = _check_options(options, ("reset_mask",)).get("reset_mask")
+        mask = check_options(options, ("reset_mask",)).get("reset_mask")
         super().reset(seed=seed if isinstance(seed, int) else None)
         if mask is None:
             obs, self._over = self._batch.reset(seed), np.zeros(self.num_envs, bool)
@@ -162,15 +163,16 @@ class SalpVectorEnv(VectorEnv):
                 actions of a wrong shape or type, or not finite.
         """
         begun = self._begun_anew()
-        outcome = self._batch.step(actions)
+        next_step = self._mode is AutoresetMode.NEXT_STEP
+        batch = self._batch
+        outcome = batch.step_or_renew(actions, begun) if next_step else batch.step(actions)
         rewards = np.where(begun, 0.0, np.array(outcome.reward, np.float64))
         ends = np.array(outcome.terminated) & ~begun, np.array(outcome.truncated) & ~begun
         done = ends[0] | ends[1]
         if self._mode is AutoresetMode.SAME_STEP:
             return np.array(outcome.obs), rewards, *ends, _infos(outcome, done)
         self._over = done
-        obs = self._batch.reset_some(begun) if begun.any() else outcome.obs
-        return np.array(obs), rewards, *ends, _masked(_measures(outcome), ~begun)
+        return np.array(outcome.obs), rewards, *ends, _masked(_measures(outcome), ~begun)
 
     def _begun_anew(self) -> np.ndarray:
         """Which chains get a new episode in the next step, instead of a step."""
@@ -184,7 +186,7 @@ class SalpVectorEnv(VectorEnv):
     def render(self) -> tuple[Frame, ...] | None:
         """The picture of every chain in mode `rgb_array`; else nothing."""
         states = self._batch.started()
-        frames = (screen.frame(_one(states, i)) for i, screen in enumerate(self._screens))
+        frames = (screen.frame(one(states, i)) for i, screen in enumerate(self._screens))
         return tuple(frames) or None
 
 
@@ -201,15 +203,8 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     return known[name]
 
 
-def _check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
-    for name in options or {}:
-        if name not in known:
-            there = ", ".join(known) or "there are none here"
-            raise InputError(f"unknown option {name!r} of reset: {there}")
-    return options or {}
-
-
-def _one(states: Any, index: int) -> Any:
+def one(states: Any, index: int) -> Any:
+    """One chain of a batch of states."""
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 

@@ -62,7 +62,13 @@ class SalpParallelEnv(ParallelEnv):
         return self.action_spaces[agent]
 
     def reset(self, seed: int | None = None, options: Of | None = None) -> tuple[Of, Of]:
-        """First observations of a new episode, and an empty info, for each unit."""
+        """First observations of a new episode, and an empty info, for each unit.
+
+        There are no options; PettingZoo wants any to be taken.
+
+        Raises:
+            InputError: a seed that cannot be.
+        """
         obs = np.array(self._batch.reset(seed))[0]
         self.agents = list(self.possible_agents)
         self._show()

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from salpchain.domain.config import one_of
+from salpchain.errors import InputError
 from salpchain.interop.batch import Batch
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Screen
 from salpchain.interop.extras import need
 
@@ -16,7 +16,7 @@ need("stable_baselines3", "stable-baselines3")
 
 from stable_baselines3.common.vec_env import VecEnv
 
-from salpchain.interop.gymnasium import spaces
+from salpchain.interop.gymnasium import one, spaces
 
 Indices = int | Sequence[int] | None
 
@@ -43,6 +43,15 @@ class SalpVecEnv(VecEnv):
         self._reset_seeds()
         return np.array(self._batch.reset(given))
 
+    def set_options(self, options: list[dict] | dict | None = None) -> None:
+        """Refuses options of the next reset: there are none.
+
+        Raises:
+            InputError: an option.
+        """
+        for each in options if isinstance(options, list) else [options]:
+            check_options(each, ())
+
     def step_async(self, actions: np.ndarray) -> None:
         """Takes the actions of the next step."""
         self._actions = actions
@@ -64,30 +73,83 @@ class SalpVecEnv(VecEnv):
 
     def get_images(self) -> list[np.ndarray | None]:
         """The picture of every chain in mode `rgb_array`; else none."""
-        if not self._screens:
-            return [None] * self.num_envs
-        states = self._batch.started()
-        pick = lambda index: jax.tree.map(lambda leaf: leaf[index], states)  # noqa: E731
-        return [screen.frame(pick(index)) for index, screen in enumerate(self._screens)]
+        return self._render_chains(list(range(self.num_envs)))
 
     def close(self) -> None:
         """Nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """The attribute of this object, once for each chain."""
-        return [getattr(self, attr_name)] * len(list(self._get_indices(indices)))
+        """The attribute of this object, once for each chain asked for."""
+        return [getattr(self, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Sets the attribute, for all chains alike."""
+        """Sets the attribute, which all chains share.
+
+        Raises:
+            InputError: for some of the chains alone.
+        """
+        self._check_all(f"set the attribute {attr_name}", self._chosen(indices))
         setattr(self, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """What the method returns, called once and repeated for each chain."""
+        """What the method gives for each chain asked for, and done to no other.
+
+        `reset` (first observation and info, with a `seed` if given) and `render` (a picture) are
+        for single chains too; any other method of this object is called once for all chains.
+
+        Raises:
+            InputError: another method for some of the chains alone; a chain that is not there.
+        """
+        chosen = self._chosen(indices)
+        if method_name in ("reset", "render"):
+            own = self._reset_chains if method_name == "reset" else self._render_chains
+            return own(chosen, *method_args, **method_kwargs)
+        self._check_all(f"call {method_name}", chosen)
         value = getattr(self, method_name)(*method_args, **method_kwargs)
-        return [value] * len(list(self._get_indices(indices)))
+        return [value] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Indices = None) -> list[bool]:
-        """False for each chain: nothing wraps a single one."""
-        return [False] * len(list(self._get_indices(indices)))
+        """False for each chain asked for: nothing wraps a single one."""
+        return [False] * len(self._chosen(indices))
+
+    def _chosen(self, indices: Indices) -> list[int]:
+        """The numbers of the chains; negative ones count from the last.
+
+        Raises:
+            InputError: a chain that is not there.
+        """
+        chosen = list(self._get_indices(indices))
+        for index in chosen:
+            whole = isinstance(index, int | np.integer) and not isinstance(index, bool)
+            if not whole or not -self.num_envs <= index < self.num_envs:
+                raise InputError(f"no chain {index!r}: there are 0 to {self.num_envs - 1}")
+        return [int(index) % self.num_envs for index in chosen]
+
+    def _check_all(self, what: str, chosen: list[int]) -> None:
+        if set(chosen) != set(range(self.num_envs)):
+            raise InputError(
+                f"cannot {what} for chains {chosen} alone: the {self.num_envs} chains are one"
+                " object; leave indices out, or make a second environment"
+            )
+
+    def _reset_chains(
+        self, chosen: list[int], seed: int | None = None, options: Any = None
+    ) -> list[tuple[np.ndarray, dict[str, Any]]]:
+        """New episodes of these chains alone; chain i of a seed starts as in `reset`."""
+        check_options(options, ())
+        if self._batch.states is None and len(set(chosen)) < self.num_envs:
+            raise InputError("the environment was never reset: call reset() first")
+        if self._batch.states is None:
+            obs = np.array(self._batch.reset(seed))
+        else:
+            obs = np.array(self._batch.reset_some(np.isin(range(self.num_envs), chosen), seed))
+        return [(obs[index], {}) for index in chosen]
+
+    def _render_chains(self, chosen: list[int]) -> list[np.ndarray | None]:
+        """The pictures of these chains; none without the render mode."""
+        if not self._screens:
+            return [None] * len(chosen)
+        states = self._batch.started()
+        return [self._screens[i].frame(one(states, i)) for i in chosen]

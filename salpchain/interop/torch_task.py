@@ -108,7 +108,7 @@ def potentials(position: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def observe(name: str, chains: Chains) -> Tensor:
-    """What every unit sees (env, unit, feature); `name` is `body` or `table1`."""
+    """What every unit sees (env, unit, feature); `name` as in `TaskConfig.observation`."""
     return OBSERVATIONS[name](chains)
 
 

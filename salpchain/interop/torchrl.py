@@ -3,7 +3,7 @@
 from typing import Any
 
 from salpchain.interop.batch import Batch
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.extras import need
 
 need("torch", "torchrl")
@@ -56,12 +56,18 @@ class SalpTorchEnv(EnvBase):
     def _set_seed(self, seed: int | None) -> None:
         """The next reset of all chains starts the episodes of seed, seed + 1, ..."""
         self._seed = seed
-        self._batch = Batch(self.config, self._batch.num_envs, renew=False)
 
-    def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDict:
+    def _reset(self, tensordict: TensorDictBase | None = None, **options: Any) -> TensorDict:
+        """New episodes of all chains, or of those alone that `_reset` flags.
+
+        Raises:
+            InputError: an option, of which there are none; flags before the first reset of all.
+        """
+        check_options(options, ())
         which = None if tensordict is None else tensordict.get("_reset", None)
-        if self._batch.states is None or which is None:
-            self._batch.reset(None if self._batch.states is not None else self._seed)
+        if which is None or bool(which.all()):
+            self._batch.reset(self._seed)
+            self._seed = None
         else:
             self._batch.reset_some(which.reshape(-1).cpu().numpy())
         states = self._batch.started()

@@ -1,4 +1,4 @@
-"""SCLD as a scenario of VMAS 1.5: VMAS's own physics, torch from end to end.
+"""SCLD as a scenario of VMAS 1.4.3 to 1.5: VMAS's own physics, torch from end to end.
 
 `vmas.make_env(scenario=Scenario(), num_envs=..., length=...)` takes any setting of `TaskConfig`.
 VMAS itself counts the steps: give `max_steps` (512 in the paper); `make_env` below does so, and

@@ -48,6 +48,18 @@ def test_a_wrapped_batch_truncates_at_the_time_limit_and_begins_elsewhere():
     assert not np.array_equal(first, second) and not np.array_equal(second, third)
 
 
+def test_the_last_observation_of_an_episode_is_in_info():
+    env, plain = wrap(SalpBraxEnv(**TASK), episode_length=3), SCLD(TaskConfig(**TASK))
+    state = jax.jit(env.reset)(jax.random.split(jax.random.PRNGKey(0), 4))
+    np.testing.assert_array_equal(state.info["final_obs"], state.obs)
+    advance, step = jax.jit(jax.vmap(plain.step)), jax.jit(env.step)
+    for turn in range(1, 5):
+        expected = advance(state.pipeline_state, jnp.full((4, 2, 1), 0.5)).obs.reshape(4, -1)
+        state = step(state, jnp.full((4, 2), 0.5))
+        np.testing.assert_allclose(state.info["final_obs"], expected, atol=1e-5)
+        assert np.array_equal(state.info["final_obs"], state.obs) == (turn != 3)
+
+
 def test_random_keys_of_either_kind_start_a_wrapped_batch():
     env = wrap(SalpBraxEnv(**TASK), episode_length=3)
     old = env.reset(jax.random.split(jax.random.PRNGKey(0), 2))

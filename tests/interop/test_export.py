@@ -16,11 +16,13 @@ import torch
 from examples.robot import OBSERVATIONS, opened, swim, thrusts
 from salpchain.cli.main import run
 from salpchain.control.greedy import Greedy
+from salpchain.control.policy import Policy
 from salpchain.control.storage import save_policy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.observation import observe
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
+from salpchain.interop import FORMATS
 from salpchain.interop.export import export
 from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.network import load_torch
@@ -113,6 +115,11 @@ def test_a_robot_takes_no_pose_that_only_broadcasts(swum):
 def test_an_unknown_format_or_a_controller_without_weights_is_refused(tmp_path):
     with pytest.raises(InputError, match="unknown format 'ONNX': choose one of onnx, torch"):
         export(fresh(), tmp_path / "x.ONNX", "ONNX")
+    for other in ("gatv2", "mlp"):  # a network that is not the one the card names
+        odd = Policy(fresh(other).network, fresh("gcn").card)
+        for kind in FORMATS:
+            with pytest.raises(InputError, match="the card of gcn-mixed names gcn, its network is"):
+                export(odd, tmp_path / f"x{FORMATS[kind]}", kind)
     with pytest.raises(InputError, match="only a learned policy can be exported"):
         export(Greedy(), str(tmp_path / "x.onnx"), "onnx")
     assert not list(tmp_path.iterdir())

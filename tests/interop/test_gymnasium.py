@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import FlattenObservation, RescaleAction, TransformReward, vector
 
 import salpchain.interop.gymnasium as bridge
 from salpchain.errors import InputError
@@ -41,7 +42,8 @@ def last_step(env, which):
 
 def test_the_vector_env_gives_what_gymnasiums_own_one_of_single_envs_gives():
     """Also the layout of `info` where an episode ends, which Gymnasium's own one defines."""
-    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    mode = AutoresetMode.SAME_STEP
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, autoreset_mode=mode, **TASK)
     assert isinstance(ours.unwrapped, bridge.SalpVectorEnv)
     singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
     theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
@@ -55,7 +57,8 @@ def test_the_vector_env_gives_what_gymnasiums_own_one_of_single_envs_gives():
 
 
 def test_infos_have_the_layout_of_gymnasium():
-    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, **TASK)
+    mode = AutoresetMode.SAME_STEP
+    ours = gymnasium.make_vec(bridge.ID, num_envs=ENVS, autoreset_mode=mode, **TASK)
     singles = [lambda: gymnasium.make(bridge.ID, **TASK, disable_env_checker=True)] * ENVS
     theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode.SAME_STEP)
     for env in (ours, theirs):
@@ -105,7 +108,60 @@ def test_a_time_limit_and_seeds_are_given_as_gymnasium_has_them():
     first, _ = env.reset(seed=(3, 4, 5, 6))
     np.testing.assert_array_equal(env.reset(seed=[3, 4, None, 6])[0][[0, 1, 3]], first[[0, 1, 3]])
     actions = np.zeros((ENVS, 2, 1), np.float32)
-    assert [env.step(actions)[3].all() for _ in range(4)] == [False, True] * 2
+    assert [env.step(actions)[3].all() for _ in range(6)] == [False, True, False] * 2
+
+
+WRAPPERS = {
+    "ArrayConversion": None,  # needs array_api_compat
+    "ClipAction": vector.ClipAction,
+    "ClipReward": lambda env: vector.ClipReward(env, -1, 1),
+    "DictInfoToList": vector.DictInfoToList,
+    "DtypeObservation": lambda env: vector.DtypeObservation(env, np.float64),
+    "FilterObservation": None,  # of dictionaries
+    "FlattenObservation": vector.FlattenObservation,
+    "GrayscaleObservation": None,  # of pictures
+    "HumanRendering": None,  # needs a screen and pygame
+    "JaxToNumpy": None,  # for what gives JAX's arrays
+    "JaxToTorch": None,
+    "NormalizeObservation": vector.NormalizeObservation,
+    "NormalizeReward": vector.NormalizeReward,
+    "NumpyToTorch": None,
+    "RecordEpisodeStatistics": vector.RecordEpisodeStatistics,
+    "RecordVideo": None,  # needs moviepy
+    "RescaleAction": lambda env: vector.RescaleAction(env, -2, 2),
+    "RescaleObservation": None,  # of bounded spaces
+    "ReshapeObservation": lambda env: vector.ReshapeObservation(env, (44,)),
+    "ResizeObservation": None,
+    "TransformAction": lambda env: vector.TransformAction(env, lambda action: action / 2),
+    "TransformObservation": lambda env: vector.TransformObservation(env, lambda obs: obs * 2),
+    "TransformReward": lambda env: vector.TransformReward(env, lambda reward: 2 * reward),
+    "VectorizeTransformAction": lambda env: vector.VectorizeTransformAction(
+        env, RescaleAction, min_action=-2, max_action=2
+    ),
+    "VectorizeTransformObservation": lambda env: vector.VectorizeTransformObservation(
+        env, FlattenObservation
+    ),
+    "VectorizeTransformReward": lambda env: vector.VectorizeTransformReward(
+        env, TransformReward, func=lambda reward: 2 * reward
+    ),
+}
+
+
+def test_every_vector_wrapper_of_gymnasium_is_known_here():
+    assert set(WRAPPERS) == set(vector.__all__)
+
+
+@pytest.mark.parametrize("name", [name for name, wrap in WRAPPERS.items() if wrap])
+def test_gymnasiums_vector_wrappers_take_the_default(name):
+    """Over the end of an episode, and without a warning about the environment."""
+    env = gymnasium.make_vec(bridge.ID, num_envs=ENVS, max_episode_steps=2, **TASK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = WRAPPERS[name](env)
+        obs, _ = env.reset(seed=0)
+        steps = [env.step(env.action_space.sample()) for _ in range(4)]
+    assert [bool(step[3].all()) for step in steps] == [False, True, False, False]
+    assert len(steps[-1][0]) == len(obs) == ENVS
 
 
 def same(one, other):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 from torchrl.envs import check_env_specs
 
 from salpchain.domain.config import TaskConfig
@@ -75,6 +76,24 @@ def test_a_partial_reset_leaves_the_others_as_they_are():
     after = env.reset(record.clone().set("_reset", which))["observation"]
     changed = (before != after).flatten(1).any(dim=1)
     np.testing.assert_array_equal(changed, which[:, 0])
+
+
+def test_a_seed_is_for_the_next_reset_of_all_and_a_partial_one_touches_no_other():
+    env = seeded()
+    with pytest.raises(InputError, match="never reset"):
+        env.reset(TensorDict({"_reset": torch.arange(ENVS)[:, None] == 1}, [ENVS]))
+    first = env.reset()["observation"].clone()
+    env.step(env.rand_action())
+    before = to_torch(env._batch.states.obs).clone()
+    env.set_seed(0)
+    which = torch.tensor([[False], [True], [False], [False]])
+    env.reset(TensorDict({"_reset": which}, [ENVS]))
+    after = to_torch(env._batch.states.obs)
+    assert not np.array_equal(after[1], before[1])
+    np.testing.assert_array_equal(after[[0, 2, 3]], before[[0, 2, 3]])
+    np.testing.assert_array_equal(env.reset()["observation"], first)
+    with pytest.raises(InputError, match="unknown option 'seed' of reset"):
+        env.reset(seed=3)
 
 
 def test_a_nan_is_named_with_its_environment_and_moves_nothing():
