@@ -61,7 +61,7 @@ def write_outcome(folder: StrPath, grid: Grid) -> Path:
         table = zero_shot_table(entries, limit)
         write_text(place / f"zero-shot-{limit}.csv", table.to_csv(index=False))
     write_json(place / "study.json", _record(grid, training, claims))
-    about = _about(grid, len(entries), training)
+    tested = any(_has_tests(entries, limit) for limit in grid.time_limits)
     tables = [
         _training_page(training),
         *(_reach_page(entries, t) for t in grid.time_limits),
@@ -70,7 +70,12 @@ def write_outcome(folder: StrPath, grid: Grid) -> Path:
     ]
     tables = [table for table in tables if table.rows]
     report = Report(
-        "The paper, repeated", about, claims, tables, _draw(folder, entries, grid, place)
+        title="The paper, repeated",
+        verdict=_verdict(claims, len(entries), len(grid.jobs())),
+        about=_about(grid, training, tested),
+        claims=claims,
+        tables=tables,
+        figures=_draw(folder, entries, grid, place),
     )
     return write_report(report, place)[1]
 
@@ -166,21 +171,53 @@ def _has_tests(entries: Sequence[Entry], limit: str) -> bool:
     return any(entry.model != "mlp" and limit in entry.tests for entry in entries)
 
 
-def _about(grid: Grid, done: int, training: Any) -> list[str]:
-    jobs = len(grid.jobs())
-    hours = training["seconds"].sum() / 3600
-    whole = f"All {jobs} runs are whole." if done == jobs else f"{done} of {jobs} runs are whole."
-    devices = ", ".join(sorted(set(training["device"])))
-    return [
-        f"Preset {grid.preset}; controllers {', '.join(grid.models)}; training lengths"
-        f" {', '.join(map(str, grid.lengths))}; {grid.seeds} seeds; {grid.trials} trials for each"
-        f" test length. {whole} Trainings took {hours:.1f} hours in all, on: {devices}.",
-        "The claims are judged by the paper's time limit, under which long chains cannot reach all"
-        " targets even at top speed: Figure 4 shows what physics allows.",
-        "`paper-normalised` rescales each controller by its own best and worst length, as the paper"
-        " does: it shows where a controller breaks down, and compares none with another. One that"
-        " does nothing at all falls along the grey line.",
+def _verdict(claims: Sequence[Claim], done: int, jobs: int) -> str:
+    """One line: how the paper's claims fared, and whether that is the last word."""
+    held, fallen, open_ = (sum(claim.held is x for claim in claims) for x in (True, False, None))
+    whole = (
+        f"all {jobs} runs are whole" if done == jobs else f"so far {done} of {jobs} runs are whole"
+    )
+    return (
+        f"{held} of the paper's {len(claims)} claims held here, {fallen} did not and {open_}"
+        f" cannot be told; {whole}."
+    )
+
+
+def _about(grid: Grid, training: Any, tested: bool) -> list[str]:
+    """What was run, and how to read what follows."""
+    devices = _and(sorted(set(training["device"])))
+    paragraphs = [
+        f"Preset {grid.preset}, {_count(len(grid.models), 'model')} ({', '.join(grid.models)}),"
+        f" trained on {_and(grid.lengths)} units with {_count(grid.seeds, 'seed')} each, and"
+        f" {_count(grid.trials, 'trial')} for each test length. The trainings took"
+        f" {_duration(float(training['seconds'].sum()))} in all, on {devices}.",
     ]
+    if tested:
+        paragraphs += [
+            "The claims are judged by the paper's time limit, under which long chains cannot reach"
+            " all targets even at top speed: Figure 4 shows what physics allows.",
+            "`paper-normalised` rescales each controller by its own best and worst length, as the"
+            " paper does: it shows where a controller breaks down, and compares none with another."
+            " One that does nothing at all falls along the grey line.",
+        ]
+    return paragraphs
+
+
+def _and(values: Sequence[Any]) -> str:
+    """The values in words."""
+    *more, last = map(str, values)
+    return f"{', '.join(more)} and {last}" if more else last
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _duration(seconds: float) -> str:
+    """Hours, or minutes where they are few."""
+    if seconds < 3600:
+        return _count(max(1, round(seconds / 60)), "minute")
+    return f"{seconds / 3600:.1f} hours"
 
 
 def _training_page(training: Any) -> Table:

@@ -22,6 +22,7 @@ ABOUT_CLAIMS = (
     " twice the training length, or what the paper's own curves come to by this rule where it is"
     " less."
 )
+NO_TESTS = "Not one of the best controllers has been tested yet."
 FEWEST = 4  # lengths beyond a breakpoint that say whether a decay is linear (chosen)
 
 
@@ -117,28 +118,34 @@ def judge(known: Facts) -> list[Claim]:
     return [*claims, *longer_training_serves_shorter_chains(known, lengths)]
 
 
-def _percent(value: float | None) -> str:
-    return "-" if value is None else f"{100 * value:.1f} %"
+def _percent(value: float) -> str:
+    return f"{100 * value:.1f} %"
 
 
 def _listed(known: Facts, names: Sequence[str], length: int) -> str:
-    """Success of each with its standard error, then what the paper's figure has for them."""
-    ours = ", ".join(f"{name} {_trained(known, name, length)}" for name in names)
+    """A sentence: the success of each, with its standard error and the paper's reward."""
     theirs = FIGURE_3.get(length, {})
-    if not all(name in theirs for name in names):
-        return ours
-    return f"{ours}; reward in the paper: {', '.join(f'{theirs[name]:g}' for name in names)}"
+    parts = [
+        _trained(known, name, length) + (f" ({theirs[name]:g})" if name in theirs else "")
+        for name in names
+    ]
+    beside = " (in brackets the paper's reward)" if theirs.keys() & set(names) else ""
+    return f"Success at the end of training{beside}: {', '.join(parts)}."
 
 
 def _trained(known: Facts, name: str, length: int) -> str:
-    error = known.error(name, length)
-    return _percent(known.success(name, length)) + (f" ± {100 * error:.1f}" if error else "")
+    """A controller and its success, or why there is none."""
+    success, error = known.success(name, length), known.error(name, length)
+    if success is None:
+        missing = "no episode has ended" if name in known.names(length) else "not trained"
+        return f"{name} {missing}"
+    return f"{name} {_percent(success)}" + ("" if error is None else f" ± {100 * error:.1f}")
 
 
 def transformers_train_best(known: Facts, length: int) -> Claim:
     """Section 5.1."""
     values = {n: v for n in known.names(length) if (v := known.success(n, length)) is not None}
-    ranked = sorted(values, key=lambda n: -values[n])
+    ranked = sorted(known.names(length), key=lambda n: -values.get(n, -1.0))
     held = None
     if {"gt mixed", "gt full"} <= values.keys() and len(values) > 2:
         others = max(v for n, v in values.items() if not n.startswith("gt "))
@@ -147,8 +154,8 @@ def transformers_train_best(known: Facts, length: int) -> Claim:
         f"{length} units: the graph transformer trains best, on both graphs",
         "section 5.1, Figure 3",
         held,
-        f"success at the end of training: {_listed(known, ranked, length)} (a lead of less than"
-        f" {100 * TIE:.0f} point tells nothing)",
+        f"{_listed(known, ranked, length)} A lead of less than {100 * TIE:.0f} point tells"
+        " nothing.",
     )
 
 
@@ -168,7 +175,7 @@ def simple_models_on_mixed_come_close(known: Facts, length: int) -> Claim:
         f"{length} units: gcn and gatv2 on mixed come close to the graph transformer",
         "section 5.1, Figure 3",
         held,
-        f"{_listed(known, names, length)} (close: within {100 * CLOSE:.0f} points)",
+        f"{_listed(known, names, length)} Close means within {100 * CLOSE:.0f} points.",
     )
 
 
@@ -202,8 +209,8 @@ def transformer_minds_no_graph(known: Facts, length: int) -> Claim:
         f"{length} units: the graph transformer does as well on full as on mixed",
         "sections 5.1 and 6",
         held,
-        f"{_listed(known, ['gt mixed', 'gt full'], length)} (as well: within"
-        f" {100 * CLOSE:.0f} points)",
+        f"{_listed(known, ['gt mixed', 'gt full'], length)} As well means within"
+        f" {100 * CLOSE:.0f} points.",
     )
 
 
@@ -220,15 +227,18 @@ def breakpoint_at_twice(known: Facts, length: int) -> Claim:
     if len(curves) == len(BEST) and tested:
         held = all(end[0] >= needed for end in ends.values())
     parts = [
-        f"{name} {a or 'none'} ({b or 'none'}; the paper {theirs.get(name, '-')})"
+        f"{name} {a or 'none'} ({b or 'none'}; {theirs.get(name, 'unknown')})"
         for name, (a, b) in ends.items()
     ]
+    evidence = (
+        f"Largest length by paper-normalised distance, {needed} needed (in brackets that by the"
+        f" share of the distance closed, and that of the paper's own curve): {', '.join(parts)}."
+    )
     return Claim(
         f"trained on {length} units, the best controllers keep 90 % up to twice that",
         "section 5.2, Figure 4",
         held,
-        f"largest length by paper-normalised distance, {needed} needed (by the share of the"
-        " distance closed; the paper's own curve): " + (", ".join(parts) or "no tests"),
+        evidence if parts else NO_TESTS,
     )
 
 
@@ -254,12 +264,16 @@ def decay_is_linear(known: Facts, length: int) -> Claim:
             fits[name] = float(np.corrcoef(beyond.index, beyond)[0, 1])
     held = all(fit**2 >= LINEAR and fit < 0 for fit in fits.values()) if fits else None
     parts = [f"{name} {fit**2:.3f}{' (rising)' if fit > 0 else ''}" for name, fit in fits.items()]
+    evidence = (
+        "Squared correlation of paper-normalised distance and length beyond the breakpoint"
+        f" ({LINEAR} or more counts as linear): {', '.join(parts)}."
+    )
+    few = f"Fewer than {FEWEST} lengths beyond the breakpoint were tested."
     return Claim(
         f"trained on {length} units, performance decays linearly beyond the breakpoint",
         "section 5.2, Figure 4",
         held if len(fits) == len(BEST) else None,
-        f"squared correlation of paper-normalised distance and length (linear: {LINEAR} or more): "
-        + (", ".join(parts) or f"fewer than {FEWEST} lengths beyond it"),
+        evidence if parts else few if known.curves(length) else NO_TESTS,
     )
 
 
@@ -279,8 +293,10 @@ def longer_training_serves_shorter_chains(known: Facts, lengths: Sequence[int]) 
                 f"trained on {long} units, the best controllers serve shorter chains too",
                 "section 5.2, Figure 4",
                 all(fine) if len(fine) == len(BEST) else None,
-                f"least share of the distance closed at any length up to {long} (needed:"
-                f" {100 * HELD:.0f} %): " + (", ".join(parts) or "no tests"),
+                f"Least share of the distance closed at any length up to {long}"
+                f" ({100 * HELD:.0f} % needed): {', '.join(parts)}."
+                if parts
+                else NO_TESTS,
             )
         )
     return claims

@@ -5,6 +5,7 @@ import html
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 
 from salpchain.files import StrPath, write_text
@@ -13,16 +14,8 @@ from salpchain.report.claims import ABOUT_CLAIMS, Claim
 # A cell that holds a number: with a unit, a spread or one beside it at the most.
 NUMBER = re.compile(r"-|-?[\d.,]+( %| min)?( \([^)]*\))?|(-|[\d.]+) / (-|[\d.]+)")
 VERDICTS = {True: "held", False: "did not hold", None: "cannot tell"}
-LOOK = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; }
-body { max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
-table { border-collapse: collapse; margin: 1rem 0; font-size: 0.9rem; }
-th, td { border-bottom: 1px solid #ddd; padding: 0.3rem 0.7rem; }
-th, td { text-align: left; vertical-align: top; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-img { max-width: 100%; }
-.held { color: #00624a; } .not { color: #b04000; } .unknown { color: #666; }
-"""
+STYLE = files("salpchain.report") / "page" / "report.css"
+CODE = re.compile(r"`([^`]+)`")
 
 
 @dataclass(frozen=True)
@@ -40,6 +33,7 @@ class Report:
     """What the page says."""
 
     title: str
+    verdict: str  # one line: what came out
     about: Sequence[str]  # paragraphs
     claims: Sequence[Claim]
     tables: Sequence[Table] = ()
@@ -61,13 +55,18 @@ def _claims_table(claims: Sequence[Claim]) -> Table:
     return Table("The paper's claims", columns, rows, ABOUT_CLAIMS)
 
 
+def _summary(caption: str) -> str:
+    """What a caption says before its first colon or full stop."""
+    return re.split(r"[:.](?: |$)", caption)[0]
+
+
 def markdown(report: Report) -> str:
     """The page as Markdown."""
-    parts = [f"# {report.title}", *report.about]
+    parts = [f"# {report.title}", f"**{report.verdict}**", *report.about]
+    for caption, path in report.figures.items():
+        parts += [f"![{_summary(caption)}]({path.name})", f"*{caption}*"]
     for table in (_claims_table(report.claims), *report.tables):
         parts += [f"## {table.title}", _markdown_table(table), table.note]
-    for caption, path in report.figures.items():
-        parts += [f"![{caption}]({path.name})", f"*{caption}*"]
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
@@ -82,32 +81,57 @@ def _markdown_table(table: Table) -> str:
 
 def page(report: Report) -> str:
     """The page as HTML, its figures inside."""
-    parts = [f"<h1>{html.escape(report.title)}</h1>"]
-    parts += [f"<p>{html.escape(text)}</p>" for text in report.about]
-    for table in (_claims_table(report.claims), *report.tables):
-        parts += [f"<h2>{html.escape(table.title)}</h2>", _html_table(table)]
-        parts += [f"<p>{html.escape(table.note)}</p>"] if table.note else []
-    for caption, path in report.figures.items():
-        image = base64.b64encode(path.read_bytes()).decode()
-        name = html.escape(caption)
-        parts.append(
-            f'<figure><img alt="{name}" src="data:image/png;base64,{image}">'
-            f"<figcaption>{name}</figcaption></figure>"
-        )
-    head = f'<meta charset="utf-8"><title>{html.escape(report.title)}</title><style>{LOOK}</style>'
+    parts = [f"<h1>{_text(report.title)}</h1>", f'<p class="verdict">{_text(report.verdict)}</p>']
+    parts += [f"<p>{_text(text)}</p>" for text in report.about]
+    parts += [_html_figure(caption, path) for caption, path in report.figures.items()]
+    claims = _claims_table(report.claims)
+    for table in (claims, *report.tables):
+        parts += [f"<h2>{_text(table.title)}</h2>", _html_table(table, words=table is claims)]
+        parts += [f'<p class="note">{_text(table.note)}</p>'] if table.note else []
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{html.escape(report.title)}</title><style>{STYLE.read_text('utf-8')}</style>"
+    )
     body = "\n".join(parts)
     return f'<!doctype html>\n<html lang="en"><head>{head}</head>\n<body>\n{body}\n</body></html>\n'
 
 
-def _html_table(table: Table) -> str:
-    names = "".join(f"<th>{html.escape(name)}</th>" for name in table.columns)
+def _text(words: str) -> str:
+    """Words as HTML; what stands in backticks as code."""
+    return CODE.sub(r"<code>\1</code>", html.escape(words))
+
+
+def _html_figure(caption: str, path: Path) -> str:
+    content = path.read_bytes()
+    width, height = (int.from_bytes(content[at : at + 4], "big") for at in (16, 20))  # PNG's header
+    image = base64.b64encode(content).decode()
+    name = html.escape(_summary(caption))
+    return (
+        f'<figure><div class="wide" tabindex="0" role="region" aria-label="{name}">'
+        f'<img alt="{name}" width="{width}" height="{height}" src="data:image/png;base64,{image}">'
+        f"</div><figcaption>{_text(caption)}</figcaption></figure>"
+    )
+
+
+def _html_table(table: Table, words: bool) -> str:
+    """A table that scrolls in itself; one of words becomes a list of cards on a narrow screen."""
+    numbers = [
+        all(NUMBER.fullmatch(row[k]) for row in table.rows) for k in range(len(table.columns))
+    ]
+    names = "".join(
+        f'<th class="number">{_text(name)}</th>' if number else f"<th>{_text(name)}</th>"
+        for name, number in zip(table.columns, numbers, strict=True)
+    )
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
-    return f"<table><tr>{names}</tr>\n{rows}</table>"
+    kind, title = "wide words" if words else "wide", html.escape(table.title)
+    return (
+        f'<div class="{kind}" tabindex="0" role="region" aria-label="{title}">'
+        f'<table><tr class="names">{names}</tr>\n{rows}</table></div>'
+    )
 
 
 def _cell(text: str) -> str:
     kinds = {VERDICTS[True]: "held", VERDICTS[False]: "not", VERDICTS[None]: "unknown"}
     number = bool(NUMBER.fullmatch(text))
     kind = kinds.get(text, "number" if number else "")
-    inside = html.escape(text)
-    return f'<td class="{kind}">{inside}</td>' if kind else f"<td>{inside}</td>"
+    return f'<td class="{kind}">{_text(text)}</td>' if kind else f"<td>{_text(text)}</td>"

@@ -69,7 +69,7 @@ def test_a_study_leaves_every_run_its_tests_figures_and_a_report(undisturbed):
     assert {"report.md", "report.html", "study.json", "training.csv", "figure-3.png"} <= names
     page = (report / "report.html").read_text()
     assert "data:image/png;base64," in page and 'src="figure' not in page
-    assert "All 2 runs are whole" in (report / "report.md").read_text()
+    assert "all 2 runs are whole" in (report / "report.md").read_text()
 
 
 def test_a_whole_study_is_not_done_again(undisturbed):

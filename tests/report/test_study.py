@@ -234,7 +234,7 @@ def test_the_page_needs_no_other_file_and_escapes_what_it_shows(tmp_path):
     [image, _] = figure_3(entries({"mlp": 0.9}), tmp_path / "figure-3.png")
     table = Table("Times <b>", ["a|b", "c"], [["1", "<script>"]])
     claims = judge(facts(entries(PAPER), "fixed"))
-    report = Report("Title", ["About & more"], claims, [table], {"Figure 3": image})
+    report = Report("Title", "It held.", ["About & more"], claims, [table], {"Figure 3": image})
     text, page = (path.read_text() for path in write_report(report, tmp_path))
     assert "![Figure 3](figure-3.png)" in text and "a\\|b" in text and "| held |" in text
     assert "<script>" not in page and "About &amp; more" in page
