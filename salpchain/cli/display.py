@@ -38,6 +38,8 @@ def training_display(config: TrainConfig) -> Iterator[Watch]:
             if console.is_terminal:
                 bar.reset(task, completed=now.steps)
                 bar.start()
+        elif now.evaluating:
+            console.print("evaluating the trained policy", highlight=False)
         elif console.is_terminal:
             bar.update(task, completed=now.steps, speed=_speed(now), score=_score(now))
         else:
@@ -83,7 +85,7 @@ def _speed(now: TrainProgress) -> str:
 
 def _score(now: TrainProgress) -> str:
     if now.success is None or now.closed_fraction is None:
-        return "no episode has ended yet"
+        return "success: too early to tell"
     return f"success {100 * now.success:.0f} %  closed {100 * now.closed_fraction:.0f} %"
 
 

@@ -213,11 +213,14 @@ def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
 
 
 def _report(summary: dict[str, Any], folder: Path) -> None:
-    success = summary["success"]
-    rate = (
-        "no episode has ended" if success is None else f"success {100 * success:.1f} % at the end"
+    own = summary["evaluation"]
+    mean, low, high = (100 * own["success"][name] for name in ("mean", "low", "high"))
+    print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s")
+    print(
+        f"success {mean:.1f} % [{low:.0f}, {high:.0f}] of {own['trials']} episodes at"
+        f" {lengths_as_text([row['length'] for row in own['lengths']])} units"
+        " (deterministic, 95 % interval)"
     )
-    print(f"trained {summary['steps']:,} steps in {summary['seconds']:.0f} s: {rate}")
     _advise(folder)
 
 

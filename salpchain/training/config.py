@@ -11,6 +11,7 @@ MOST_BATCH = 10**8  # chain-steps between two updates (chosen; no machine has ro
 WEIGHTS = (1e-6, 1e6)  # of lengths; far apart, in single precision, one would be nothing (chosen)
 RATIOS = ("chain", "unit")
 CREDITS = ("chain", "unit")
+CUSTOM = "custom"  # the preset of settings that come from none
 
 
 @dataclass(frozen=True)
@@ -121,12 +122,15 @@ class TrainConfig:
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     mix: Mix = field(default_factory=Mix)
-    preset: str = "quick"
+    preset: str = CUSTOM
     steps: int = 1_500_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
+    evaluations: int = 0  # parts of the run, each with an evaluation at its end; 0: one
 
     def __post_init__(self) -> None:
         check_kinds(self)
+        if self.evaluations < 0:
+            raise InputError(f"evaluations must be 0 or more, got {self.evaluations}")
         if not 1 <= self.steps <= MOST_STEPS:
             raise InputError(f"steps must be positive, at most {MOST_STEPS:,}, got {self.steps}")
         check_seed(self.seed)
@@ -140,8 +144,8 @@ class TrainConfig:
             )
         if not self.control.shared_log_std:
             raise InputError(
-                f"preset {self.preset} has a log-std for each unit, which serves one length only,"
-                f" got {len(self.lengths)} lengths: take preset quick"
+                f"a log-std for each unit (control.shared_log_std false, as in preset paper) serves"
+                f" one length only, got {len(self.lengths)} lengths: take preset quick"
             )
         if self.lengths[-1] != self.task.length:
             raise InputError(
@@ -165,6 +169,16 @@ class TrainConfig:
     def iterations(self) -> int:
         """Rollouts with their updates."""
         return -(-self.steps // self.ppo.batch)
+
+    def is_evaluated_at(self, iteration: int) -> bool:
+        """Whether one of the evaluations during the run comes after this iteration.
+
+        The closing evaluation, after the last one, is none of them.
+        """
+        if iteration == self.iterations:
+            return False
+        done, before = (x * self.evaluations // self.iterations for x in (iteration, iteration - 1))
+        return done > before
 
     @property
     def total_steps(self) -> int:

@@ -15,7 +15,6 @@ class Course(eqx.Module):
     """How far the curriculum has come, with what the latest episodes of each length were."""
 
     stage: Int[Array, ""]  # index of the longest length in play
-    age: Int[Array, ""]  # control steps since that length joined
     episodes: Float[Array, " length"]  # at most `WINDOW`, the older ones fading
     goals: Float[Array, " length"]  # of these, reached
 
@@ -24,7 +23,7 @@ def new_course(config: TrainConfig) -> Course:
     """The course before its first episode: the shortest length alone where it is to grow."""
     last = len(config.lengths) - 1
     none = jnp.zeros(last + 1)
-    return Course(jnp.int32(0 if config.mix.grow else last), jnp.int32(0), none, none)
+    return Course(jnp.int32(0 if config.mix.grow else last), none, none)
 
 
 def draw_length(config: TrainConfig, course: Course, key: PRNGKeyArray) -> Int[Array, ""]:
@@ -45,17 +44,16 @@ def advance(
 ) -> Course:
     """The course after these more episodes; one length longer if all in play are solved.
 
-    Whether they are is asked no sooner than a time limit after the longest joined: until then it is
-    the short episodes that have ended, those that succeeded.
+    The episodes must be those of whole start cohorts (`cohorts.count`): short episodes, which end
+    first, are mostly successes, and would let a length join too soon.
     """
-    age = course.age + config.ppo.rollout
     counted, reached = course.episodes + episodes, course.goals + goals
     fade = jnp.minimum(1.0, WINDOW / jnp.maximum(counted, 1.0))
     counted, reached = counted * fade, reached * fade
     solved = (counted >= ENOUGH) & (reached >= config.mix.grow * counted)
-    joins = (solved | ~_in_play(course)).all() & (age >= config.task.step_limit)
+    joins = (solved | ~_in_play(course)).all()
     grown = jnp.minimum(course.stage + joins, len(config.lengths) - 1)
-    return Course(grown, jnp.where(joins, 0, age), counted, reached)
+    return Course(grown, counted, reached)
 
 
 def _in_play(course: Course) -> Bool[Array, " length"]:

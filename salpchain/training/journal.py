@@ -1,4 +1,8 @@
-"""What a run writes down while it trains: rows, checkpoints, its policy, its summary."""
+"""What a run writes down while it trains: rows, checkpoints, its policy, evaluations, summary.
+
+Success in training is that of whole start cohorts (`cohorts`), of the policy as it samples. The
+success of a run is that of its closing evaluation.
+"""
 
 import math
 import time
@@ -8,14 +12,15 @@ from pathlib import Path
 from typing import Any
 
 from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import POLICY_FILE, save_policy
+from salpchain.control.storage import POLICY_FILE, load, save_policy
 from salpchain.files import StrPath, write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import save_checkpoint
 from salpchain.training.config import TrainConfig
+from salpchain.training.evaluations import Evaluation, evaluate_training
 from salpchain.training.learner import Learner, Metrics
 
-RECENT = 200  # finished episodes over which success is shown while training (chosen)
+RECENT = 200  # episodes of the latest whole cohorts over which success is shown (chosen)
 
 Row = dict[str, int | float]
 
@@ -26,20 +31,21 @@ class NotFiniteError(RuntimeError):
 
 @dataclass(frozen=True)
 class Progress:
-    """What a watcher of a run is told: once before compilation, then after each iteration."""
+    """What a watcher of a run is told: before compilation, after each iteration, at the end."""
 
     steps: int
     total: int
     compiling: bool = False
+    evaluating: bool = False  # the closing evaluation begins
     steps_per_second: float = 0.0
-    success: float | None = None  # share of recent episodes, None before any has ended
+    success: float | None = None  # of the latest whole cohorts; None: too early to tell
     closed_fraction: float | None = None
     seconds_left: float = 0.0
 
 
 @dataclass
 class Recent:
-    """Success and closed fraction over the latest finished episodes."""
+    """Success and closed fraction over the latest whole start cohorts."""
 
     rollouts: deque[tuple[float, float, float]] = field(default_factory=deque)
 
@@ -53,11 +59,11 @@ class Recent:
 
     @property
     def whole(self) -> bool:
-        """Whether there have been `RECENT` episodes; the first ones to end are the short ones."""
+        """Whether the cohorts have `RECENT` episodes or more."""
         return sum(r[0] for r in self.rollouts) >= RECENT
 
     def means(self) -> tuple[float | None, float | None]:
-        """Success and closed fraction, or None before any episode has ended."""
+        """Success and closed fraction, or None before any cohort is whole."""
         episodes = sum(r[0] for r in self.rollouts)
         if not episodes:
             return None, None
@@ -72,8 +78,8 @@ class Clock:
         self.total, self._last = before, time.monotonic()
         self._laps, self._in_laps = 0, 0.0
 
-    def start_laps(self) -> None:
-        """The first iteration starts now."""
+    def start_lap(self) -> None:
+        """An iteration starts now; what came before belongs to none."""
         now = time.monotonic()
         self.total, self._last = self.total + now - self._last, now
 
@@ -101,6 +107,7 @@ class Journal:
         """Keeps the rows up to this iteration, and no later ones."""
         self.config, self.run = config, Path(run)
         self.log = run_folder.MetricsLog(run, iteration)
+        self.evaluations = run_folder.EvaluationLog(run, iteration)
         self.recent = Recent()
         self.broken: NotFiniteError | None = None
         rows = self.log.rows
@@ -124,19 +131,53 @@ class Journal:
             save_checkpoint(learner, self.run)
             save_policy(_policy(self.config, learner), self.run / POLICY_FILE)
 
+    def evaluate(self, iteration: int, learner: Learner) -> None:
+        """Evaluates the learner's policy after an iteration of an unbroken run."""
+        if not self.broken:
+            self._evaluate(iteration, _policy(self.config, learner))
+            self.clock.start_lap()
+
     def finish(self) -> dict[str, Any]:
-        """Writes the summary of a whole run and returns it."""
-        summary = _summary(self.config, self.log.rows)
+        """Evaluates the trained policy, writes the summary of the run and returns it."""
+        last = self.config.iterations
+        result = self._evaluate(last, load(self.run / POLICY_FILE))
+        summary = _summary(self.config, self.log.rows, result)
         write_json(self.run / run_folder.SUMMARY_FILE, summary)
         return summary
 
+    def _evaluate(self, iteration: int, policy: Policy) -> Evaluation:
+        result = evaluate_training(policy, self.config.lengths)
+        steps = iteration * self.config.ppo.batch
+        self.evaluations.add([_evaluated(iteration, steps, row) for row in result["lengths"]])
+        self.log.board(iteration, {"evaluation_success": result["success"]["mean"]})
+        return result
+
+    def close(self) -> None:
+        """Flushes the logs."""
+        self.log.close()
+
+
+def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
+    """A row of `evaluations.csv`."""
+    mean, low, high = (row["success"][name] for name in ("mean", "low", "high"))
+    return {
+        "iteration": iteration,
+        "steps": steps,
+        "length": row["length"],
+        "trials": row["trials"],
+        "success": mean,
+        "success_low": low,
+        "success_high": high,
+        "closed_fraction": row["closed_fraction"],
+    }
+
 
 def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) -> Row:
-    lap = clock.lap()
-    episodes = float(metrics.episodes)
+    lap, cohort = clock.lap(), metrics.cohort
+    episodes = float(cohort.episodes.sum())
 
     def mean(total: Any) -> float:
-        return float(total) / episodes if episodes else math.nan
+        return float(total.sum()) / episodes if episodes else math.nan
 
     return {
         "iteration": iteration,
@@ -144,9 +185,10 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
         "seconds": clock.total,
         "steps_per_second": config.ppo.batch / lap,
         "episodes": episodes,
-        "success": mean(metrics.goals),
-        "closed_fraction": mean(metrics.closed),
-        "episode_steps": mean(metrics.lasted),
+        "success": mean(cohort.goals),
+        "closed_fraction": mean(cohort.closed),
+        "episode_steps": mean(cohort.lasted),
+        "episode_return": mean(cohort.returns),
         **_by_length(config, metrics),
         **{f"reward_{name}": float(value) for name, value in metrics.terms.items()},
         **{f"update_{name}": float(value) for name, value in vars(metrics.losses).items()},
@@ -154,10 +196,10 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
 
 
 def _by_length(config: TrainConfig, metrics: Metrics) -> Row:
-    """Success at each of several training lengths; not a number where no episode ended."""
+    """Success at each of several training lengths; not a number where no episode counts."""
     if len(config.lengths) == 1:
         return {}
-    counts = zip(config.lengths, metrics.episodes_of, metrics.goals_of, strict=True)
+    counts = zip(config.lengths, metrics.cohort.episodes, metrics.cohort.goals, strict=True)
     return {f"success_{n}": float(goals) / float(of) if of else math.nan for n, of, goals in counts}
 
 
@@ -199,7 +241,9 @@ def _policy(config: TrainConfig, learner: Learner) -> Policy:
     return Policy(learner.policy, card)
 
 
-def _summary(config: TrainConfig, rows: list[dict[str, str]]) -> dict[str, Any]:
+def _summary(
+    config: TrainConfig, rows: list[dict[str, str]], evaluation: Evaluation
+) -> dict[str, Any]:
     recent = Recent()
     first = None
     for text in rows:
@@ -212,8 +256,10 @@ def _summary(config: TrainConfig, rows: list[dict[str, str]]) -> dict[str, Any]:
     return {
         "steps": config.total_steps,
         "seconds": round(float(rows[-1]["seconds"]), 1) if rows else None,
-        "success": success,
-        "closed_fraction": closed,
+        "success": evaluation["success"]["mean"],
+        "closed_fraction": evaluation["closed_fraction"],
+        "evaluation": evaluation,
+        "in_training": {"success": success, "closed_fraction": closed},
         "reached_95_percent": first,
         "seed": config.seed,
     }

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.devices import AXIS
 from salpchain.domain.scld import SCLD, State
+from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
 from salpchain.training.course import Course, advance, draw_length, new_course
 from salpchain.training.ppo import Losses, improve, lessons, optimiser
@@ -28,6 +29,7 @@ class Learner(eqx.Module):
     policy: ActorCritic
     optimiser_state: Any
     states: State  # batch first, shared out over the devices
+    cohorts: Tally  # of episodes, by the rollout in which they began, oldest last
     course: Course
     key: PRNGKeyArray
     iteration: Int[Array, ""]
@@ -47,12 +49,7 @@ class Metrics(eqx.Module):
 
     losses: Losses
     terms: dict[str, Float[Array, ""]]  # mean of each reward term per step
-    episodes: Float[Array, ""]  # finished in this rollout
-    goals: Float[Array, ""]  # of these, reached
-    closed: Float[Array, ""]  # sum of their closed fractions
-    lasted: Float[Array, ""]  # sum of their control steps
-    episodes_of: Float[Array, " length"]  # finished, by training length
-    goals_of: Float[Array, " length"]
+    cohort: Tally  # of the episodes of the latest start cohort all of whose episodes have ended
     finite: Finite
 
 
@@ -69,7 +66,8 @@ def new_learner(config: TrainConfig, env: SCLD) -> Learner:
         lengths = jax.vmap(lambda key: draw_length(config, course, jr.fold_in(key, 0)))(reset_keys)
         states = jax.vmap(env.reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
-        return Learner(policy, state, states, course, key, jnp.int32(0))
+        cohorts = no_cohorts(config.task.step_limit, config.ppo.rollout, len(config.lengths))
+        return Learner(policy, state, states, cohorts, course, key, jnp.int32(0))
 
     return new(jr.key(config.seed))
 
@@ -120,43 +118,24 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
         shuffle_key, learner.iteration / config.iterations,
     )  # fmt: skip
-    seen = metrics(policy, losses, samples, outcomes, config.lengths)
-    course = advance(config, learner.course, seen.episodes_of, seen.goals_of)
-    after = Learner(policy, optimiser_state, states, course, key, learner.iteration + 1)
-    return after, seen
+    cohorts, cohort = count(learner.cohorts, outcomes, config.lengths)
+    course = advance(config, learner.course, cohort.episodes, cohort.goals)
+    after = Learner(
+        policy, optimiser_state, states, cohorts, course, key, learner.iteration + 1
+    )  # fmt: skip
+    return after, metrics(policy, losses, samples, outcomes, cohort)
 
 
 def metrics(
-    policy: ActorCritic,
-    losses: Losses,
-    samples: Sample,
-    outcomes: Outcome,
-    lengths: tuple[int, ...],
+    policy: ActorCritic, losses: Losses, samples: Sample, outcomes: Outcome, cohort: Tally
 ) -> Metrics:
-    """Sums over all devices of what the finished episodes were, and those of each length.
-
-    Those that started on their targets are left out.
-    """
-    done = (outcomes.terminated | outcomes.truncated) & outcomes.counts
-
-    def total(x: Array) -> Array:
-        return jax.lax.psum(jnp.sum(jnp.where(done, x, 0.0)), AXIS)
-
-    def total_of(x: Array) -> Array:
-        return jnp.stack([total(x * (outcomes.length == length)) for length in lengths])
-
+    """What an iteration saw on all devices."""
     names = ("approach", "goal", "fine")
     means = {n: jax.lax.pmean(getattr(outcomes.terms, n).mean(), AXIS) for n in names}
-    one, goal = jnp.ones_like(outcomes.closed), outcomes.goal.astype(jnp.float32)
     return Metrics(
         losses=losses,
         terms=means,
-        episodes=total(one),
-        goals=total(goal),
-        closed=total(outcomes.closed),
-        lasted=total(outcomes.time.astype(jnp.float32)),
-        episodes_of=total_of(one),
-        goals_of=total_of(goal),
+        cohort=cohort,
         finite=Finite(*map(_finite, (samples.obs, outcomes.reward, losses, policy))),
     )
 

@@ -10,6 +10,7 @@ from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 PAPER_EPISODES = 60_000  # Table 2
 EPISODE_STEPS = 512  # the paper's time limit
+PAPER_EVALUATIONS = 50  # one every 2 % of a run (chosen)
 # Chain-steps of `quick`, and more of them for each unit (chosen; docs/measurements.md)
 QUICK_STEPS = (1_000_000, 31_250)
 QUICK_STEPS_OF = {("gt", "mixed"): (500_000, 93_750)}  # slower at 16 units, as fast at 8
@@ -82,6 +83,7 @@ def paper(length: int, control: ControlConfig) -> TrainConfig:
             entropy=0.001,
         ),
         steps=PAPER_EPISODES * EPISODE_STEPS,
+        evaluations=PAPER_EVALUATIONS,
     )
 
 

@@ -34,9 +34,10 @@ class Outcome(eqx.Module):
     terminated: Bool[Array, ""]
     truncated: Bool[Array, ""]
     goal: Bool[Array, ""]
-    counts: Bool[Array, ""]  # as an episode: it did not start on its target (`stalled` may)
+    is_scored: Bool[Array, ""]  # false for episodes that start on their target (`stalled` may)
     final_value: Float[Array, ""]  # of the true last observation, where truncated
     closed: Float[Array, ""]  # closed fraction
+    metres: Float[Array, ""]  # mean distance closed since reset, m
     time: Array  # control steps since reset
     length: Array  # units
 
@@ -76,9 +77,10 @@ def _outcome(env: SCLD, before: State, after: State, final_value: Float[Array, "
         terminated=after.terminated,
         truncated=after.truncated & ~after.terminated,
         goal=after.goal,
-        counts=after.start_distance > env.config.tolerance,
+        is_scored=after.start_distance > env.config.tolerance,
         final_value=final_value,
         closed=after.closed_fraction,
+        metres=after.start_distance - after.distances.mean,
         time=after.time,
         length=after.length,
     )

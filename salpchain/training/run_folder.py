@@ -7,6 +7,7 @@ import csv
 import dataclasses
 import io
 import platform
+from collections.abc import Set
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from salpchain.training.settings import changed
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
+EVALUATIONS_FILE = "evaluations.csv"
 SUMMARY_FILE = "summary.json"
 FORMAT = 1
 NEEDED = {"iteration", "steps", "seconds", "episodes", "success", "closed_fraction"}
@@ -152,14 +154,34 @@ class MetricsLog:
         writer.writerow(text)
         self._file.flush()
         self.rows.append(text)
-        for name, value in row.items():
+        self.board(int(row["iteration"]), row)
+
+    def board(self, iteration: int, values: dict[str, int | float]) -> None:
+        """TensorBoard scalars of an iteration; what is no number is left out."""
+        for name, value in values.items():
             if value == value:
-                self._board.add_scalar(name, value, int(row["iteration"]))
+                self._board.add_scalar(name, value, iteration)
 
     def close(self) -> None:
         """Flushes both."""
         self._file.close()
         self._board.close()
+
+
+class EvaluationLog:
+    """`evaluations.csv`: a row for each evaluation of a training and each of its lengths."""
+
+    def __init__(self, run: StrPath, keep: int) -> None:
+        """Goes on with the rows up to iteration `keep`; later ones come again."""
+        self.path = Path(run) / EVALUATIONS_FILE
+        self.rows = [row for row in _read_rows(self.path) if int(row["iteration"]) <= keep]
+
+    def add(self, rows: list[dict[str, int | float]]) -> None:
+        """One more evaluation, on disk at once; one of the same iteration is replaced."""
+        text = [{name: _cell(value) for name, value in row.items()} for row in rows]
+        now = text[0]["iteration"]
+        self.rows = [row for row in self.rows if row["iteration"] != now] + text
+        write_text(self.path, _as_csv(self.rows))
 
 
 def _cell(value: int | float) -> str:
@@ -172,14 +194,20 @@ def read_log(run: StrPath, remedy: str = ": delete it to go on") -> list[dict[st
     Raises:
         InputError: it is no such log; the message ends with the remedy.
     """
-    path = Path(run) / METRICS_FILE
+    return _read_rows(Path(run) / METRICS_FILE, NEEDED, remedy)
+
+
+def _read_rows(
+    path: Path, needed: Set[str] = frozenset({"iteration"}), remedy: str = ": delete it to go on"
+) -> list[dict[str, str]]:
+    """The rows of a table of numbers, none where there is no file; one cut short is left out."""
     if not path.exists():
         return []
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = [row for row in csv.DictReader(file) if None not in row.values()]
         for row in rows:
-            missing = NEEDED - row.keys()
+            missing = needed - row.keys()
             if missing:
                 raise ValueError(f"no column {sorted(missing)[0]!r}")
             _ = [float(cell or "nan") for cell in row.values()], int(row["iteration"])

@@ -152,10 +152,13 @@ def _continue(sitting: Sitting, learners: list[Learner]) -> list[dict[str, Any]]
     config = sitting.configs[0]
     with _stop_on_signal() as stopped, _journals(sitting, int(learners[0].iteration)) as journals:
         come = _iterate(sitting, learners, journals, stopped)
-    broken = [journal.broken for journal in journals if journal.broken]
-    if come < config.iterations and not broken:
-        raise KeyboardInterrupt
-    done = [journal.finish() for journal in journals if not journal.broken]
+        broken = [journal.broken for journal in journals if journal.broken]
+        whole = [journal for journal in journals if not journal.broken]
+        if stopped() or (come < config.iterations and not broken):
+            raise KeyboardInterrupt
+        if come == config.iterations:
+            sitting.tell(Progress(config.total_steps, config.total_steps, evaluating=True))
+        done = [journal.finish() for journal in whole]
     for error in broken:
         raise error
     return done
@@ -168,7 +171,7 @@ def _journals(sitting: Sitting, come: int) -> Iterator[list[Journal]]:
         journals = []
         for config, run in zip(sitting.configs, sitting.runs, strict=True):
             journals.append(Journal(config, run, come))
-            logs.callback(journals[-1].log.close)
+            logs.callback(journals[-1].close)
         yield journals
 
 
@@ -176,21 +179,26 @@ def _iterate(
     sitting: Sitting, learners: list[Learner], journals: list[Journal], stopped: Callable[[], bool]
 ) -> int:
     """Iterations up to the last one, or until stopped; saves now and then. Returns the last."""
-    last = sitting.configs[0].iterations
+    config = sitting.configs[0]
+    last = config.iterations
     first = int(learners[0].iteration)
     if first >= last or stopped():
+        _save_each(journals, learners)  # killed between checkpoint and policy, it lacks the policy
         return first
     mesh = mesh_of(sitting.devices)
     learner = place(_beside(learners), mesh)
-    step = compile_iterate(sitting.configs[0], sitting.env, mesh, learner)
+    step = compile_iterate(config, sitting.env, mesh, learner)
     for journal in journals:
-        journal.clock.start_laps()
+        journal.clock.start_lap()
     saved = time.monotonic()
     for come in range(first + 1, last + 1):
         learner, metrics = step(learner)
         each = _apart(jax.device_get(metrics), len(journals))
         told = [journal.add(come, own) for journal, own in zip(journals, each, strict=True)]
         sitting.tell(next((progress for progress in told if progress), None))
+        if config.is_evaluated_at(come):
+            for journal, own in zip(journals, _apart(learner, len(journals)), strict=True):
+                journal.evaluate(come, own)
         if stopped() or not any(told):
             break
         if time.monotonic() - saved > sitting.save_every:
@@ -201,7 +209,11 @@ def _iterate(
 
 
 def _save(journals: Sequence[Journal], learner: Learner) -> None:
-    for journal, own in zip(journals, _apart(learner, len(journals)), strict=True):
+    _save_each(journals, _apart(learner, len(journals)))
+
+
+def _save_each(journals: Sequence[Journal], learners: Sequence[Learner]) -> None:
+    for journal, own in zip(journals, learners, strict=True):
         journal.save(own)
 
 

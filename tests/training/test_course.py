@@ -37,11 +37,6 @@ def drawn(config, course, number=4000):
     return np.asarray(jax.vmap(lambda key: draw_length(config, course, key))(keys))
 
 
-def grown_up(config, course):
-    """The course as long after a length joined as it takes to judge it."""
-    return eqx.tree_at(lambda c: c.age, course, jnp.int32(config.task.step_limit))
-
-
 def test_lengths_are_drawn_as_often_as_their_weights_say():
     config = mixed(Mix((2, 3, 5), (1.0, 1.0, 2.0)))
     lengths, counts = np.unique(drawn(config, new_course(config)), return_counts=True)
@@ -51,36 +46,25 @@ def test_lengths_are_drawn_as_often_as_their_weights_say():
 
 def test_a_curriculum_starts_with_the_shortest_and_grows_when_all_in_play_are_solved():
     config = mixed(Mix((2, 3, 5), grow=0.9))
-    course = grown_up(config, new_course(config))
+    course = new_course(config)
     assert set(drawn(config, course)) == {2}
     few = jnp.array([50.0, 0, 0])
     assert int(advance(config, course, few, few).stage) == 0  # too few to judge
     many = jnp.array([150.0, 0, 0])
     assert int(advance(config, course, many, 0.8 * many).stage) == 0
-    course = grown_up(config, advance(config, course, many, 0.95 * many))
+    course = advance(config, course, many, 0.95 * many)
     assert set(drawn(config, course)) == {2, 3}
     both = jnp.array([150.0, 150.0, 0])
     forgot = advance(config, course, both, jnp.array([100.0, 150.0, 0]))
     assert int(forgot.stage) == 1  # the shortest must stay solved
-    course = grown_up(config, advance(config, course, both, both))
+    course = advance(config, course, both, both)
     assert set(drawn(config, course)) == {2, 3, 5}
     assert int(advance(config, course, 9 * both, 9 * both).stage) == 2
 
 
-def test_a_length_is_not_judged_before_its_failures_can_have_ended():
-    config = mixed(Mix((2, 3, 5), grow=0.9))
-    course, won = new_course(config), jnp.array([150.0, 150.0, 0])
-    stages = []
-    for _ in range(3 * config.task.step_limit // config.ppo.rollout):
-        course = advance(config, course, won, won)
-        stages.append(int(course.stage))
-    until = config.task.step_limit // config.ppo.rollout  # rollouts
-    assert [stages.count(stage) for stage in (0, 1)] == [until - 1, until]
-
-
 def test_what_a_curriculum_judges_are_the_latest_episodes():
     config = mixed(Mix((2, 3), grow=0.9))
-    course, lost = grown_up(config, new_course(config)), jnp.array([1000.0, 0.0])
+    course, lost = new_course(config), jnp.array([1000.0, 0.0])
     course = advance(config, course, lost, 0 * lost)
     for _ in range(12):
         won = jnp.array([100.0, 0.0])
