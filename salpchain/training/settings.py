@@ -12,10 +12,9 @@ from salpchain.control.config import SINGLE_LENGTH, ControlConfig
 from salpchain.domain.config import KINDS, TaskConfig, is_kind, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
-from salpchain.training.config import TrainConfig
+from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
 
-CUSTOM = "custom"  # what a run is called whose settings come from no preset
 ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}
 VARIANTS = ("model", "graph")  # of the controller, for which a preset may have values of its own
 BOOLS = {"true": True, "false": False}
