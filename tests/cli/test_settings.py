@@ -53,6 +53,7 @@ VALUES = {
     "preset": ("paper", "paper", (), "slow"),
     "steps": ("3e4", 30_000, (), "0"),
     "seed": ("7", 7, (), "-7"),
+    "evaluations": ("4", 4, (), "-1"),
 }
 
 
