@@ -7,6 +7,7 @@ from pathlib import Path
 from salpchain.cli import train as train_command
 from salpchain.cli.options import Folder, Lengths, Whole, positive
 from salpchain.cli.settings import File, Sets
+from salpchain.cli.streams import say
 from salpchain.evaluation.config import parse_lengths
 from salpchain.installation import program
 from salpchain.training import run_folder
@@ -93,4 +94,4 @@ def _draw(folder: Path) -> None:
     swims = record(policy, SWIM_LENGTHS, "scaled", SHOWN_SEED)
     picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")
-    print(f"next: steer it yourself with  {program()} live {shlex.quote(str(folder / 'run'))}")
+    say(f"next: steer it yourself with  {program()} live {shlex.quote(str(folder / 'run'))}")

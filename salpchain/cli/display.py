@@ -15,6 +15,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from salpchain.cli.streams import notices
 from salpchain.cluster.sweep import Overall
 from salpchain.training.config import TrainConfig
 from salpchain.training.journal import Progress as TrainProgress
@@ -26,7 +27,7 @@ PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
 @contextmanager
 def training_display(config: TrainConfig) -> Iterator[Watch]:
     """A watcher that shows steps, steps/s, success, closed fraction and time left."""
-    console = Console()
+    console = notices()
     bar = _bar(console)
     task = bar.add_task("", total=config.total_steps, speed="", score="")
     plain = _plain(console)
@@ -92,7 +93,7 @@ def _score(now: TrainProgress) -> str:
 @contextmanager
 def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
     """A watcher that is told the share of all work done, and what is being done."""
-    console = Console()
+    console = notices()
     if not console.is_terminal:
         yield _plain_share(console, what)
         return
@@ -104,13 +105,19 @@ def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
-    last = ""
+    last, said = "", -PLAIN_EVERY
+    begun: tuple[float, float] | None = None  # when the first was told, and its share
 
     def watch(share: float, now: str) -> None:
-        nonlocal last
-        if now != last:
-            last = now
-            console.print(f"{what} {now}  ({100 * share:.0f} % done)", highlight=False)
+        nonlocal last, said, begun
+        here = time.monotonic()
+        begun = begun or (here, share)
+        if now == last and here - said < PLAIN_EVERY:
+            return
+        last, said = now, here
+        pace = (share - begun[1]) / max(here - begun[0], 1e-9)
+        left = f", {_duration((1 - share) / pace)} left" if pace > 0 else ""
+        console.print(f"{what} {now}  ({100 * share:.0f} % done{left})", highlight=False)
 
     return watch
 
@@ -118,7 +125,7 @@ def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
 @contextmanager
 def sweep_display() -> Iterator[Callable[[Overall], None]]:
     """A watcher of a whole study: share of the work, jobs done, time left."""
-    console = Console()
+    console = notices()
     if not console.is_terminal:
         yield _plain_sweep(console)
         return

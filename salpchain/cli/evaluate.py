@@ -6,7 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Folder, Lengths, Whole, number, positive, say, text_option
+from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
+from salpchain.cli.streams import say
 from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError

@@ -4,16 +4,16 @@ import contextlib
 import difflib
 import errno
 import io
-import os
 import re
 import sys
 import textwrap
+from dataclasses import field, make_dataclass
 from importlib import import_module
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
 
 from salpchain import __version__
-from salpchain.cli import jax_start
+from salpchain.cli import jax_start, streams
 from salpchain.compilation_cache import use_cache
 from salpchain.errors import InputError
 
@@ -72,11 +72,8 @@ example:
 
 def main() -> None:
     """Runs the command line of this process and exits: 0 done, 2 bad input, 130 interrupted."""
-    try:
-        sys.exit(run(sys.argv[1:]))
-    except BrokenPipeError:  # whoever read our output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
+    results = streams.install()
+    sys.exit(streams.close(results, run(sys.argv[1:])))
 
 
 def run(arguments: list[str]) -> int:
@@ -88,8 +85,6 @@ def run(arguments: list[str]) -> int:
         return 130
     except InputError as error:
         return _fail(str(error))
-    except BrokenPipeError:
-        raise
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
         advice = ADVICE.get(error.errno or 0, "")
@@ -117,6 +112,7 @@ def _dispatch(arguments: list[str]) -> int:
     options = _read(getattr(module, COMMANDS[name][0]), name, rest)
     if options is None:
         return 0
+    streams.set_quiet(options.quiet)
     jax_start.check_flags()
     use_cache()
     return module.run(options) or 0
@@ -151,7 +147,8 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
     """
     import tyro
 
-    page = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding)
+    kind = _with_quiet(kind)
+    page = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding, errors="replace")
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(page), contextlib.redirect_stderr(said):
@@ -172,6 +169,17 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
         names = [f"--{field}".replace("_", "-") for field in kind.__dataclass_fields__]
         raise InputError(f"salpchain {name}: unknown argument {odd[0]!r}{_close(odd[0], names)}")
     return options
+
+
+def _with_quiet(kind: Any) -> Any:
+    """The options of a command, and `--quiet`, which all have."""
+    from tyro.conf import arg
+
+    about = "No progress and no notices: results and errors alone."
+    quiet = "quiet", Annotated[bool, arg(help=about)], field(default=False)
+    with_quiet = make_dataclass(kind.__name__, [quiet], bases=(kind,), frozen=True)
+    with_quiet.__doc__ = kind.__doc__
+    return with_quiet
 
 
 def _wrapped(page: str) -> str:

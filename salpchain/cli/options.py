@@ -24,12 +24,6 @@ Lengths = Annotated[str, text_option("FIRST:LAST:STEP | FIRST..LAST | N,N,...")]
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)
 
 
-def say(line: str) -> None:
-    """Prints a line, if there is one to say."""
-    if line:
-        print(line)
-
-
 def whole(name: str, text: str) -> int | None:
     """The whole number that an option holds; None where it was left out.
 

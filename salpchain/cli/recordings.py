@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from salpchain.cli.options import number, say, text_option
+from salpchain.cli.options import number, text_option
+from salpchain.cli.streams import say
 from salpchain.control.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError

@@ -16,6 +16,7 @@ from salpchain.cli.options import (
     text_option,
     whole,
 )
+from salpchain.cli.streams import say
 from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.domain.config import one_of
@@ -185,7 +186,7 @@ def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -
 
 
 def _stopped() -> int:
-    print("stopped. The same command goes on where it was")
+    say("stopped. The same command goes on where it was")
     return 130
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
 from salpchain.cli.settings import File, Sets, check_agrees, combined, typed
+from salpchain.cli.streams import say
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.named import is_name
 from salpchain.errors import InputError
@@ -101,7 +102,7 @@ def run(options: Train) -> int:
         with training_display(config) as watch:
             summary = resume(folder, watch) if options.resume else train(config, folder, watch)
     except KeyboardInterrupt:
-        print(f"stopped. Go on with: salpchain train --resume --out {folder}")
+        say(f"stopped. Go on with: salpchain train --resume --out {folder}")
         return 130
     except NotFiniteError as error:
         print(f"salpchain: error: {error}", file=sys.stderr)
@@ -226,4 +227,4 @@ def _report(summary: dict[str, Any], folder: Path) -> None:
 
 def _advise(folder: Path) -> None:
     policy = f"./{folder}" if is_name(str(folder)) else folder
-    print(f"test it on other lengths with: salpchain evaluate {policy}")
+    say(f"test it on other lengths with: salpchain evaluate {policy}")

@@ -219,9 +219,9 @@ def test_resuming_a_finished_run_says_so_at_once_and_changes_nothing(
     (fresh_run / "summary.json").write_text("{}")
     monkeypatch.setattr("salpchain.training.trainer.resume", None)
     assert run(["train", "--resume", "--out", str(fresh_run)]) == 0
-    said = capsys.readouterr().out
-    assert "is trained already: all 1,253,376 steps are done" in said
-    assert f"salpchain evaluate {fresh_run}" in said and "compiling" not in said
+    said = capsys.readouterr()
+    assert "is trained already: all 1,253,376 steps are done" in said.out
+    assert f"salpchain evaluate {fresh_run}" in said.err and "compiling" not in said.err
     assert (fresh_run / "summary.json").read_text() == "{}"
 
 
@@ -297,10 +297,9 @@ def test_results_of_another_policy_are_not_lost(tmp_path, capsys):
 def test_what_to_do_next_names_the_run_and_not_a_policy_that_is_called_so(capsys):
     for folder, typed in (("runs/eight", "runs/eight"), ("any-length", "./any-length")):
         _report({"success": None, "steps": 8192, "seconds": 3.0}, Path(folder))
-        assert capsys.readouterr().out == (
-            "trained 8,192 steps in 3 s: no episode has ended\n"
-            f"test it on other lengths with: salpchain evaluate {typed}\n"
-        )
+        said = capsys.readouterr()
+        assert said.out == "trained 8,192 steps in 3 s: no episode has ended\n"
+        assert said.err == f"test it on other lengths with: salpchain evaluate {typed}\n"
 
 
 def test_ctrl_c_in_an_evaluation_is_one_line_and_writes_nothing(tmp_path):
@@ -309,7 +308,7 @@ def test_ctrl_c_in_an_evaluation_is_one_line_and_writes_nothing(tmp_path):
         [sys.executable, "-m", "salpchain", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    assert process.stdout is not None and process.stdout.readline().startswith("testing")
+    assert process.stderr is not None and process.stderr.readline().startswith("testing")
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=120)[1]
     assert process.returncode == 130 and said.strip() == "salpchain: interrupted"
