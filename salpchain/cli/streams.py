@@ -8,7 +8,7 @@ that it was asked for, says so and exits with 1.
 import io
 import os
 import sys
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +35,7 @@ class Tolerant(io.RawIOBase):
         """Whether it is a terminal."""
         return os.isatty(self.number)
 
-    def write(self, content: "bytes | memoryview") -> int:  # type: ignore[override]
+    def write(self, content: Any, /) -> int:
         """Writes what can be written; says that all of it was."""
         left = memoryview(content).cast("B")
         size = len(left)
