@@ -41,6 +41,7 @@ def one_seed(seed: int, run: Path) -> dict[str, Any]:
         "seconds": summary["seconds"],
         "steps_per_second": summary["steps"] / summary["seconds"],
         "reached_95_percent_in_training": summary["reached_95_percent"],
+        "closing_evaluation": summary["success"],
         "success": own["success"]["mean"],
         "closed_fraction": {e["length"]: e["closed_fraction"]["mean"] for e in longer["lengths"]},
         "longer_success": {e["length"]: e["success"]["mean"] for e in longer["lengths"]},

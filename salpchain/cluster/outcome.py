@@ -122,7 +122,7 @@ def _training(folder: Path, grid: Grid) -> Any:
                 "steps": summary["steps"],
                 "seconds": summary["seconds"],
                 "steps_to_95_percent": first.get("steps"),
-                "success_in_training": summary["success"],
+                "success_in_training": summary.get("in_training", summary)["success"],
                 **_own_tests(run, job),
                 "device": device,
             }

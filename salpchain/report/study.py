@@ -32,13 +32,16 @@ class Entry:
 
 
 def episode_return(log: Any) -> pd.Series:
-    """Mean return of the episodes that ended in each rollout, by the paper's reward.
+    """Mean return by the paper's reward of the episodes that count in each row of a log.
 
-    1 for the goal, and the distance closed (m): the closed fraction, times what a whole one is
-    worth over the run. NaN for a rollout in which no episode ended.
+    1 for the goal, and the distance closed (m). NaN where no episode counts. Logs from before
+    salpchain counted by start cohorts have no such column; there the distance is the closed
+    fraction times what a whole one is worth over the run.
     """
-    batch = log["steps"].diff().fillna(log["steps"].iloc[0])
     ended = log["episodes"] > 0
+    if "episode_return" in log:
+        return log["episode_return"].where(ended)
+    batch = log["steps"].diff().fillna(log["steps"].iloc[0])
     metres = float((log["reward_approach"] * batch).sum())
     closed = float((log["closed_fraction"] * log["episodes"])[ended].sum())
     whole = metres / closed if closed > LEAST * log["episodes"].sum() else 0.0

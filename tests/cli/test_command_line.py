@@ -295,10 +295,16 @@ def test_results_of_another_policy_are_not_lost(tmp_path, capsys):
 
 
 def test_what_to_do_next_names_the_run_and_not_a_policy_that_is_called_so(capsys):
+    rows = [{"length": 7}, {"length": 8}, {"length": 9}]
+    share = {"mean": 0.96, "low": 0.9, "high": 0.984}
+    summary = {"evaluation": {"trials": 60, "success": share, "lengths": rows}}
     for folder, typed in (("runs/eight", "runs/eight"), ("any-length", "./any-length")):
-        _report({"success": None, "steps": 8192, "seconds": 3.0}, Path(folder))
+        _report({**summary, "steps": 8192, "seconds": 3.0}, Path(folder))
         said = capsys.readouterr()
-        assert said.out == "trained 8,192 steps in 3 s: no episode has ended\n"
+        assert said.out == (
+            "trained 8,192 steps in 3 s\n"
+            "success 96.0 % [90, 98] of 60 episodes at 7..9 units (deterministic, 95 % interval)\n"
+        )
         assert said.err == f"test it on other lengths with: salpchain evaluate {typed}\n"
 
 
