@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-LANGUAGES = {"python", "sh", "text", "nginx"}  # text and nginx are shown, not run
+LANGUAGES = {"python", "sh", "toml", "text", "nginx"}  # text and nginx are shown, not run
 OPERATORS = {"&&", "||", "|", ";", "&", "(", ")"}
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 

@@ -15,6 +15,7 @@ from PIL import Image
 
 import salpchain
 from salpchain.cli.main import COMMANDS, run
+from salpchain.cli.train import Train, settings
 from salpchain.control.named import is_name
 from salpchain.domain.config import TIME_LIMITS
 from salpchain.evaluation.config import parse_lengths
@@ -85,6 +86,13 @@ def test_every_command_of_a_block_is_one_that_its_program_takes(block, monkeypat
 def test_every_command_in_the_text_is_one_that_its_program_takes(page, monkeypatch):
     for words in inline_commands(page):
         check(words, monkeypatch)
+
+
+@pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=names)
+def test_a_file_of_settings_is_one_that_train_takes(block, tmp_path):
+    (tmp_path / "mine.toml").write_text(block.code)
+    asked = settings(Train(out="new", config=str(tmp_path / "mine.toml")), tmp_path / "new")
+    assert asked.steps == tomllib.loads(block.code)["steps"]
 
 
 def test_every_example_of_the_help_is_one_that_its_command_takes(monkeypatch, capsys):
