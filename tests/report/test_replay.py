@@ -159,6 +159,16 @@ PIXEL = """(place) => {
 }"""
 
 
+def test_help_on_a_phone_begins_at_its_top_and_names_no_keys(browser, places):
+    look = {"viewport": {"width": 390, "height": 300}, "has_touch": True, "is_mobile": True}
+    with watched(browser, places["one"], **look) as page:
+        page.locator("#keys").tap()
+        until(page, "document.getElementById('help').open")
+        assert page.evaluate("document.getElementById('help').scrollTop") == 0
+        assert page.locator("#help kbd:visible").count() == 0
+        assert "two fingers" in page.inner_text("#help") and page.is_visible("#help form button")
+
+
 def test_two_swims_side_by_side_on_a_phone_in_light(browser, places):
     look = {"viewport": {"width": 360, "height": 640}, "color_scheme": "light"}
     with watched(browser, places["both"], **look) as page:

@@ -5,6 +5,7 @@ import signal
 import numpy as np
 import pytest
 
+from salpchain.report.shapes import jet_size
 from tests.web.browser import live_server, open_browser, shoot, until, watched
 
 
@@ -114,6 +115,26 @@ def test_a_line_drawn_by_hand_becomes_a_target_of_one_link_chords(page):
     target = np.array(page.evaluate("live.chains[0].target"))
     np.testing.assert_allclose(np.linalg.norm(np.diff(target, axis=0), axis=1), 0.07, atol=3e-4)
     page.click("[data-tool=target]")
+
+
+def test_the_view_follows_the_chain_and_its_target_wherever_they_go(page):
+    page.evaluate("live.send('place', {chain: live.chains[0].name, x: 3, y: -2, turn: 0})")
+    until(page, "Math.abs(Tools.middle(live.chains[0].target)[0] - 3) < 1e-3")
+    page.click("#fit")
+    until(page, MIDDLE_IN_VIEW)
+    # what a unit has besides its place (angle, thrust) plays no part in it
+    units = [[2.0, 3.0, 1.5, 0.3, 1], [4.0, 5.0, -2.0, 0.1, 1]]
+    view = page.evaluate("(units) => new Salp.Camera().whole(units)", units)
+    assert (view["x"], view["y"]) == (3.0, 4.0)
+
+
+MIDDLE_IN_VIEW = """(() => {
+    const points = [...live.chains[0].units, ...live.chains[0].target];
+    return [live.camera.x, live.camera.y].every((seen, k) => {
+        const values = points.map((point) => point[k]);
+        return Math.abs((Math.min(...values) + Math.max(...values)) / 2 - seen) < 0.15;
+    });
+})()"""
 
 
 def test_one_click_adds_or_removes_a_unit_while_it_swims(page):
@@ -243,6 +264,12 @@ def test_the_picture_moves_between_two_states_of_the_server(page):
         return [places.size, live.states - first];
     }""")
     assert seen[0] > 2 * seen[1]
+
+
+def test_the_page_draws_jets_by_the_rule_of_the_videos(page):
+    thrust = np.array([0.0, 0.004, -0.004, 0.005, 0.01, -0.05, 0.3, -1.0])
+    sizes = page.evaluate("(thrusts) => thrusts.map(Salp.jetSize)", thrust.tolist())
+    np.testing.assert_allclose(sizes, jet_size(thrust))
 
 
 def test_policies_can_be_switched_and_an_error_of_the_server_is_shown(page):

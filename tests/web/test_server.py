@@ -8,22 +8,17 @@ import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
-from pathlib import Path
 
-import jax.random as jr
 import pytest
 import uvicorn
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.released import released
-from salpchain.control.storage import save_policy
 from salpchain.errors import InputError
 from salpchain.web import guard, messages, recorder, server
 from salpchain.web.engine import DEEDS
-from salpchain.web.fleet import Fleet
+from tests.web.test_fleet import save_runs
 
 
 @contextmanager
@@ -58,12 +53,7 @@ def until(condition, patience=60.0):
 @pytest.fixture(scope="module")
 def live(tmp_path_factory):
     runs = tmp_path_factory.mktemp("runs")
-    card = PolicyCard(name="fresh")
-    (runs / "one").mkdir()
-    policy = Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card)
-    save_policy(policy, runs / "one" / "policy.safetensors")
-    (runs / "broken").mkdir()
-    (runs / "broken" / "policy.safetensors").write_bytes(b"not a policy")
+    save_runs(runs)
     return server.Live("greedy", str(runs))
 
 
@@ -376,41 +366,6 @@ def test_a_port_in_use_names_the_next_free_one():
 def test_a_host_that_is_not_here_is_named():
     with pytest.raises(InputError, match="no name or address"):
         server.listen("no.such.host.invalid", 0)
-
-
-def test_a_fleet_lists_runs_and_loads_nothing_else(live, tmp_path):
-    runs = live._asked[1]
-    fleet = Fleet(runs=Path(runs))
-    assert set(fleet.names) == {"broken", "one", "greedy", "approach", *released()}
-    chosen = Fleet(str(Path(runs) / "one"), Path(runs))
-    own = [name for name in chosen.names if name not in released()]
-    assert own == ["one", "broken", "greedy", "approach"]
-    twin = tmp_path / "one.safetensors"
-    twin.write_bytes((Path(runs) / "one" / "policy.safetensors").read_bytes())
-    assert Fleet(str(twin), Path(runs)).first == str(twin)  # another one of that name
-    assert chosen.load(chosen.first).card.name == "fresh"
-    with pytest.raises(InputError, match="there is no policy"):
-        fleet.load(str(Path(runs) / "one" / "policy.safetensors"))
-    with pytest.raises(InputError, match="no such run folder"):
-        Fleet(str(tmp_path / "missing"))
-    with pytest.raises(InputError, match="mpc is too slow to steer live"):
-        Fleet("mpc")
-
-
-def test_a_name_steers_whatever_folder_is_called_so(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    card = PolicyCard(name="own")
-    policy = Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card)
-    for folder in ("greedy", "runs/greedy", "eight", "runs/eight"):
-        Path(folder).mkdir(parents=True)
-        save_policy(policy, Path(folder) / "policy.safetensors")
-    named = Fleet("greedy", Path("runs"))
-    assert named.first == "greedy" and named.load("greedy").card.name == "greedy"
-    assert named.load("runs/greedy").card.name == "own"
-    for folder in ("./greedy", "eight"):
-        own = Fleet(folder, Path("runs"))
-        assert own.first == str(Path(folder).resolve()) and own.load(own.first).card.name == "own"
-        assert own.load("greedy").card.name == "greedy"
 
 
 def test_an_engine_that_fails_ends_the_server(monkeypatch, tmp_path):

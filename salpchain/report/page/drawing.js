@@ -13,7 +13,7 @@ const Salp = (() => {
     light: {
       top: "#dff6fb", bottom: "#9fd8e8", ink: "#06283c", faint: "rgba(8, 58, 84, 0.8)",
       ghost: "9, 96, 138", link: "#f8fdff", edge: "rgba(6, 52, 78, 0.7)",
-      jet: "255, 255, 255", speck: "255, 255, 255", done: "#00693a",
+      jet: "255, 255, 255", jetEdge: "6, 70, 105", speck: "255, 255, 255", done: "#00693a",
     },
   };
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
@@ -60,8 +60,8 @@ const Salp = (() => {
     // Where all points are seen, with a margin in metres.
     whole(points, margin = 0.15, most = 900) {
       let [left, low, right, high] = [Infinity, Infinity, -Infinity, -Infinity];
-      for (const point of points) {
-        const [x, y] = this.turned(...point);
+      for (const [px, py] of points) {
+        const [x, y] = this.turned(px, py);
         left = Math.min(left, x); right = Math.max(right, x);
         low = Math.min(low, y); high = Math.max(high, y);
       }
@@ -195,6 +195,12 @@ const Salp = (() => {
     const fade = ctx.createLinearGradient(0, rim, 0, rim + reach);
     fade.addColorStop(0, `rgba(${look.jet}, 0.95)`);
     fade.addColorStop(1, `rgba(${look.jet}, 0)`);
+    const edge = () => { // on light water white alone would not be seen
+      const line = ctx.createLinearGradient(0, rim, 0, rim + reach);
+      line.addColorStop(0, `rgba(${look.jetEdge}, 0.9)`);
+      line.addColorStop(1, `rgba(${look.jetEdge}, 0.25)`);
+      stroke(ctx, line, 1);
+    };
     for (const [wide, alpha] of [[1.4, 0.35], [0.7, 0.9]]) {
       const half = 0.011 * s * wide * (0.4 + 0.6 * size);
       ctx.globalAlpha = alpha;
@@ -204,6 +210,7 @@ const Salp = (() => {
       ctx.bezierCurveTo(-1.6 * half, rim + 0.5 * reach, -0.5 * half, rim + reach, 0, rim + reach);
       ctx.bezierCurveTo(0.5 * half, rim + reach, 1.6 * half, rim + 0.5 * reach, 0.7 * half, rim);
       ctx.fill();
+      if (look.jetEdge && wide > 1) edge();
     }
     ctx.restore();
   }

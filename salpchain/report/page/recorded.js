@@ -25,11 +25,12 @@ const Recorded = (() => {
   function follow(camera, state, points, above) {
     const [left, top, width, height] = camera.box, below = 28;
     camera.box = [left, top, width, Math.max(height - above - below, 60)];
-    const goal = camera.whole(points, 0.15, 600), share = state.seen ? 0.08 : 1;
+    const goal = camera.whole(points, 0.15, 600), now = performance.now();
+    const share = state.seen ? 1 - Math.exp((state.seen - now) / 200) : 1; // the same on any machine
     camera.box = [left, top, width, height];
     goal.y += (above - below) / 2 / goal.scale;
     for (const key of ["x", "y", "scale"]) camera[key] = Salp.between(camera[key], goal[key], share);
-    state.seen = true;
+    state.seen = now;
   }
 
   function draw(ctx, world, parts, state, end, { unitsAt, drawBodies, colourOf }) {

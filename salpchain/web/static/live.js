@@ -9,7 +9,7 @@
   const live = {
     chains: [], camera: new Salp.Camera(), current: [0, 0], paused: false, tool: "target",
     name: null, unit: null, sketch: null, held: null, step: 0.1, following: true, connected: false,
-    epoch: null, time: null, lags: [], frames: 0, states: 0,
+    epoch: null, time: null, lags: [], frames: 0, framed: 0, states: 0,
   };
   const ripples = [], trails = new Map(), arrivals = new Map();
   let socket = null, tries = 0, waiting = null, toasting = null, queued = null;
@@ -234,15 +234,17 @@
     });
   }
 
-  function keepInView() {
+  function keepInView(passed) { // ms since the last frame
     if (!live.following || live.sketch || live.held) return;
-    const points = live.chains.flatMap((chain) => [...chain.units, ...live.targetOf(chain)]);
-    const { camera } = live, [left, top, width, height] = camera.box, above = 50, below = 70; // pixels
+    const points = live.chains.flatMap((chain) => [
+      ...chain.units, ...live.targetOf(chain), Tools.knob(live, chain)]);
+    const { camera } = live, [left, top, width, height] = camera.box;
+    const above = 14 + get("shapes").offsetHeight, below = 40 + (get("arrived").offsetHeight || 30); // pixels
     camera.box = [left, top, width, Math.max(height - above - below, 100)];
     const goal = camera.whole(points, 0.16, 700);
     goal.y += (above - below) / 2 / goal.scale;
     camera.box = [left, top, width, height];
-    const share = live.frames < 3 ? 1 : 0.06;
+    const share = live.frames < 3 ? 1 : 1 - Math.exp(-passed / 270);
     for (const key of ["x", "y", "scale"]) camera[key] = Salp.between(camera[key], goal[key], share);
   }
 
@@ -341,7 +343,8 @@
     Salp.resize(water);
     live.camera.box = [0, 0, water.clientWidth, water.clientHeight];
     live.chains.forEach((chain) => show(chain, now));
-    if (live.chains.length) { keepInView(); live.frames += 1; }
+    if (live.chains.length) { keepInView(now - live.framed); live.frames += 1; }
+    live.framed = now;
     Salp.water(ctx, live.camera, now / 1000, live.current);
     live.chains.forEach((chain) => drawChain(chain, now / 1000));
     drawRipples(now);
