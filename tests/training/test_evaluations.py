@@ -1,0 +1,56 @@
+"""What a training says of its success, against an evaluation of the same run."""
+
+import csv
+import dataclasses
+import json
+
+import pytest
+
+from salpchain.control.storage import load
+from salpchain.evaluation.evaluate import evaluate
+from salpchain.training import evaluations
+from salpchain.training.trainer import train
+from tests.training.small import small
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run that ends before its first cohort is whole, evaluated three times."""
+    folder = tmp_path_factory.mktemp("run") / "run"
+    train(dataclasses.replace(small(6), evaluations=3), folder)
+    return folder
+
+
+def rows(path):
+    return list(csv.DictReader(path.open()))
+
+
+def test_the_success_of_a_run_is_what_evaluate_tells_of_it(run):
+    summary = json.loads((run / "summary.json").read_text())
+    length = small(6).task.length
+    own = evaluate(load(run), [length], evaluations.TRIALS, "scaled", 0, baseline=False)
+    assert summary["success"] == own["lengths"][0]["success"]["mean"]
+    assert summary["closed_fraction"] == pytest.approx(
+        own["lengths"][0]["closed_fraction"]["mean"], abs=1e-3
+    )
+
+
+def test_before_the_first_cohort_is_whole_it_is_too_early_to_tell(run):
+    assert all(row["success"] == "" and row["episodes"] == "0" for row in rows(run / "metrics.csv"))
+    summary = json.loads((run / "summary.json").read_text())
+    assert summary["in_training"] == {"success": None, "closed_fraction": None}
+
+
+def test_evaluations_on_the_way_are_evenly_spaced_and_the_last_is_the_closing_one(run):
+    table = rows(run / "evaluations.csv")
+    assert [row["iteration"] for row in table] == ["2", "4", "6"]
+    summary = json.loads((run / "summary.json").read_text())
+    assert float(table[-1]["success"]) == pytest.approx(summary["success"])
+
+
+@pytest.mark.parametrize("parts", [0, 1, 3, 7, 20])
+def test_a_run_is_evaluated_after_each_of_its_parts_but_the_last(parts):
+    config = dataclasses.replace(small(7), evaluations=parts)
+    at = [i for i in range(1, 8) if config.is_evaluated_at(i)]
+    ends = {-(-7 * part // parts) for part in range(1, parts)} if parts else set()
+    assert at == sorted(ends - {7})
