@@ -1,9 +1,15 @@
 """`salpchain bench`."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from json import dumps
+from typing import TYPE_CHECKING
 
-from salpchain.cli.options import Lengths, Whole, positive
+from salpchain.cli.options import Flag, Lengths, Whole, positive
+from salpchain.cli.streams import say
 from salpchain.evaluation.config import parse_lengths
+
+if TYPE_CHECKING:
+    from salpchain.evaluation.speed import Speed
 
 
 @dataclass(frozen=True)
@@ -20,6 +26,8 @@ class Bench:
     """Lengths to measure."""
     envs: Whole = "1024"
     """Chains that swim at once."""
+    json: Flag = False
+    """Print the measurements as JSON alone."""
 
 
 def run(options: Bench) -> None:
@@ -29,11 +37,21 @@ def run(options: Bench) -> None:
     from salpchain.evaluation.speed import PARTS, measure
 
     devices = largest_divisor(envs, use_devices())
-    print(f"{device_name()}, {devices} device(s), {envs} chains at once")
+    about = {"device": device_name(), "devices": devices, "envs": envs}
+    if not options.json:
+        print(f"{about['device']}, {devices} device(s), {envs} chains at once")
+    speeds = []
     for length in lengths:
         for part in PARTS:
-            speed = measure(part, length, envs, devices)
-            rate = f"{speed.steps_per_second:>12,.0f} chain-steps/s"
-            print(
-                f"{length:>4} units  {part:<28} {rate}  compiled in {speed.compile_seconds:.1f} s"
-            )
+            say(f"measuring {part}, {length} units" if options.json else "")
+            speeds.append(measure(part, length, envs, devices))
+            if not options.json:
+                print(_line(speeds[-1]), flush=True)
+    if options.json:
+        print(dumps({**about, "measurements": [asdict(speed) for speed in speeds]}, indent=2))
+
+
+def _line(speed: "Speed") -> str:
+    rate = f"{speed.steps_per_second:>12,.0f} chain-steps/s"
+    compiled = f"compiled in {speed.compile_seconds:.1f} s"
+    return f"{speed.length:>4} units  {speed.part:<28} {rate}  {compiled}"

@@ -1,12 +1,13 @@
 """`salpchain evaluate`."""
 
 from dataclasses import dataclass
+from json import dumps
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Folder, Lengths, Whole, number, positive, text_option
+from salpchain.cli.options import Flag, Folder, Lengths, Whole, number, positive, text_option
 from salpchain.cli.streams import say
 from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
@@ -42,6 +43,8 @@ class Evaluate:
     out: Folder = ""
     """Folder for the two files; results in it of a policy of another name are kept.
     Default: evaluation in the run folder, else evaluation-NAME in the working folder."""
+    json: Flag = False
+    """Print the summary, as in evaluation.json, as JSON alone."""
 
 
 def run(options: Evaluate) -> None:
@@ -66,12 +69,17 @@ def run(options: Evaluate) -> None:
     use_devices()
     with share_display("testing") as watch:
         summary = evaluate(tested, lengths, trials, options.time_limit, seed, out, progress=watch)
+    said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
+    say(too_short.of_summary(summary))
+    if options.json:
+        print(dumps(summary, indent=2, allow_nan=False))
+        say(said)
+        return
     from rich.console import Console
 
     hardness = difficulty_table(summary)
     Console().print(table(summary), *([hardness] if hardness.row_count else []))
-    say(too_short.of_summary(summary))
-    print(f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}")
+    print(said)
 
 
 def default_out(policy: str) -> Path:

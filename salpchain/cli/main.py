@@ -29,6 +29,7 @@ COMMANDS = {
     "video": ("Video", "draw swims as a video or a strip of moments"),
     "replay": ("Replay", "write swims as one page to play in a browser"),
     "live": ("Live", "steer a chain yourself in the browser, while it swims"),
+    "completion": ("Completion", "print a script for TAB in bash, zsh or fish"),
     "demo": ("Demo", "train, test and draw in one go: what `make demo` runs"),
 }
 
@@ -43,6 +44,23 @@ ADVICE = {
         (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EROFS),
         " (choose a folder that can be written)",
     ),
+}
+
+# What a command needs, [what it may be given], and ... what repeats.
+USAGE = {
+    "train": "--out FOLDER [--set PATH=VALUE]... [OPTIONS]",
+    "evaluate": "RUN_OR_POLICY [OPTIONS]",
+    "figure": "learning|zero-shot FOLDER... [OPTIONS]",
+    "export": "POLICY [OPTIONS]",
+    "models": "[NAME] [OPTIONS]",
+    "bench": "[OPTIONS]",
+    "reproduce": "[OPTIONS]",
+    "rollout": "RUN_OR_POLICY --out FILE.npz [OPTIONS]",
+    "video": "POLICY_OR_TRAJECTORY|--compare A B... --out FILE.mp4|gif|png [OPTIONS]",
+    "replay": "POLICY_OR_FILE... --out FILE.html [OPTIONS]",
+    "live": "[RUN_OR_POLICY] [OPTIONS]",
+    "completion": "bash|zsh|fish",
+    "demo": "[--set PATH=VALUE]... [OPTIONS]",
 }
 
 WIDTH = 79  # columns of a page of help
@@ -147,7 +165,7 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
     """
     import tyro
 
-    kind = _with_quiet(kind)
+    kind = with_quiet(kind)
     page = io.TextIOWrapper(io.BytesIO(), encoding=sys.stdout.encoding, errors="replace")
     said = io.StringIO()
     try:
@@ -162,7 +180,7 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
     except SystemExit as stop:
         if not stop.code:
             page.seek(0)
-            print(_wrapped(page.read()))
+            print(_with_usage(name, _wrapped(page.read())))
             return None
         raise InputError(f"salpchain {name}: {_one_line(said.getvalue())}") from None
     if odd:
@@ -171,15 +189,21 @@ def _read(kind: Any, name: str, arguments: list[str]) -> Any:
     return options
 
 
-def _with_quiet(kind: Any) -> Any:
+def with_quiet(kind: Any) -> Any:
     """The options of a command, and `--quiet`, which all have."""
     from tyro.conf import arg
 
     about = "No progress and no notices: results and errors alone."
-    quiet = "quiet", Annotated[bool, arg(help=about)], field(default=False)
+    quiet = "quiet", Annotated[bool, arg(help=about, help_behavior_hint="")], field(default=False)
     with_quiet = make_dataclass(kind.__name__, [quiet], bases=(kind,), frozen=True)
     with_quiet.__doc__ = kind.__doc__
     return with_quiet
+
+
+def _with_usage(name: str, page: str) -> str:
+    """The page with its first paragraph replaced by the command's line of usage."""
+    _, _, rest = page.partition("\n\n")
+    return f"usage: salpchain {name} {USAGE[name]}\n\n{rest}"
 
 
 def _wrapped(page: str) -> str:

@@ -1,11 +1,12 @@
 """`salpchain models`."""
 
 from dataclasses import dataclass
+from json import dumps
 from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Name, Whole, number, text_option
+from salpchain.cli.options import Flag, Name, Whole, number, text_option
 from salpchain.control.config import MODELS
 from salpchain.control.named import WRITTEN
 from salpchain.control.released import model_card, released
@@ -31,13 +32,16 @@ class Models:
     observation: Name = ""
     """What the units observe: table1 (the paper's; default), body, proximity (as any-length),
     anonymous or metric."""
+    json: Flag = False
+    """Print all of it, model cards included, as JSON alone."""
 
 
 def run(options: Models) -> None:
     """Prints a line for each model, the hand-written controllers and each released policy."""
     if options.policy:
         _check_alone(options)
-        print(_card(options.policy))
+        card = _card(options.policy)
+        print(dumps(model_card(options.policy), indent=2) if options.json else card)
         return
     length = check_length(number("length", options.length or "8"))
     observation = options.observation or "table1"
@@ -45,15 +49,31 @@ def run(options: Models) -> None:
     from salpchain.control.count import num_parameters
 
     inputs = OBSERVATION_SIZES[observation]
+    counts = {model: num_parameters(model, inputs, length) for model in MODELS}
+    if options.json:
+        print(_as_json(observation, length, counts))
+        return
     print(f"{'model':<8} {'parameters':>10}   ({observation}, {length} units)")
-    for model in MODELS:
-        print(f"{model:<8} {num_parameters(model, inputs, length):>10,}")
+    for model, count in counts.items():
+        print(f"{model:<8} {count:>10,}")
     for name, written in WRITTEN.items():
         print(f"{name:<8} {0:>10,}   {written.about}; for any length")
     if released():
         print("\nreleased policies (salpchain models NAME shows the model card)")
     for name in released():
         print(f"{name:<14} {model_card(name)['about']}")
+
+
+def _as_json(observation: str, length: int, counts: dict[str, int]) -> str:
+    """All that the list says; of each released policy its model card."""
+    content = {
+        "observation": observation,
+        "length": length,
+        "models": [{"name": name, "parameters": count} for name, count in counts.items()],
+        "written": [{"name": name, "about": one.about} for name, one in WRITTEN.items()],
+        "released": [{"name": name, **model_card(name)} for name in released()],
+    }
+    return dumps(content, indent=2)
 
 
 def _check_alone(options: Models) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import (
+    Flag,
     Folder,
     Lengths,
     Name,
@@ -70,7 +71,7 @@ class Reproduce:
     """Cores for each run on Ray. Default: 1."""
     gpus: Annotated[str, text_option("SHARE")] = ""
     """Share of a GPU for each configuration on Ray, whose seeds then train side by side."""
-    dry_run: bool = False
+    dry_run: Flag = False
     """Print the plan with an estimate of time and disk, and what is done already; do nothing."""
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from salpchain.cli.options import Folder, Lengths, Name, Whole, decimals, text_option, whole
+from salpchain.cli.options import Flag, Folder, Lengths, Name, Whole, decimals, text_option, whole
 from salpchain.cli.settings import File, Sets, check_agrees, combined, typed
 from salpchain.cli.streams import say
 from salpchain.control.config import SINGLE_LENGTH
@@ -78,7 +78,7 @@ class Train:
     set: Sets = ()
     """Any setting of config.json, such as ppo.learning_rate=1e-3; may be given several times.
     docs/settings.md lists them."""
-    resume: bool = False
+    resume: Flag = False
     """Go on with the run in --out from its last checkpoint."""
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Lengths, Whole, text_option
+from salpchain.cli.options import Flag, Lengths, Whole, text_option
 from salpchain.cli.recordings import (
     Decimal,
     Limit,
@@ -49,7 +49,7 @@ class Video:
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
-    grid: bool = False
+    grid: Flag = False
     """Lengths 4, 8, 16, 32 and 64 at once."""
     size: Annotated[str, text_option("WIDTHxHEIGHT")] = ""
     """In pixels. Default: 1280x720; 640x360 for a .gif; 320x220 for each moment of a strip."""
