@@ -91,6 +91,42 @@ def alone(folder: StrPath, patience: float = 0.0) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def writing(path: StrPath) -> Iterator[None]:
+    """Keeps other processes that ask for the same from writing a file, until the end of the block.
+
+    The lock is a hidden file beside it, gone at the end.
+
+    Raises:
+        InputError: another process is writing it.
+        OSError: the folder is missing or not writable.
+    """
+    path = Path(path)
+    if fcntl is None or not path.name:
+        yield
+        return
+    beside = path.with_name(f".{path.name}.lock")
+    try:
+        file = beside.open("w")
+    except OSError as error:  # about the file that was asked for, not the one beside it
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    with file:
+        if not _locked(file) or not _is_at(file, beside):
+            raise InputError(f"{path} is being written by another process: wait for its end")
+        try:
+            yield
+        finally:
+            beside.unlink(missing_ok=True)
+
+
+def _is_at(file: IO[str], path: Path) -> bool:
+    """Whether the open file is still the one at this path."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
 def _locked(file: IO[str]) -> bool:
     """Whether the lock was free; if so, it is ours."""
     assert fcntl is not None

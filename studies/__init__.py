@@ -1,9 +1,11 @@
 """Programs that make what the repository keeps: released policies and studies."""
 
+import atexit
 import hashlib
 import json
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,16 @@ import pandas as pd
 
 from salpchain.control.policy import Policy
 from salpchain.errors import InputError
-from salpchain.files import make_writable, read_json, write_json, write_text
+from salpchain.files import make_writable, read_json, write_json, write_text, writing
 from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
 from salpchain.training.trainer import resume, train
 
 ABOUT_FILE = "about.json"
+
+_claimed: set[Path] = set()  # folders of this process, until it ends
+_held = ExitStack()
+atexit.register(_held.close)
 
 
 def program(name: str, main: Callable[[], None], about: str | None) -> None:
@@ -40,7 +46,8 @@ def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) 
     """The folder for a study's results, of this policy if of one; `about.json` keeps all of it.
 
     Raises:
-        InputError: it holds results of another study or policy, or with other settings.
+        InputError: it holds results of another study or policy, or with other settings; or another
+            process is at it.
         OSError: it cannot be made or written.
     """
     about = {"study": study}
@@ -49,6 +56,9 @@ def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) 
         about |= {"policy": policy.card.name, "weights": hashlib.sha256(weights).hexdigest()}
     mine = json.loads(json.dumps(about | settings))
     make_writable(out)
+    if out.resolve() not in _claimed:
+        _held.enter_context(writing(out / ABOUT_FILE))
+        _claimed.add(out.resolve())
     kept = read_json(out / ABOUT_FILE) if (out / ABOUT_FILE).exists() else {}
     if not isinstance(kept, dict):
         raise InputError(f"{out / ABOUT_FILE} is damaged: choose another folder")

@@ -9,6 +9,7 @@ from salpchain.cli.options import Folder, Lengths, Whole, positive
 from salpchain.cli.settings import File, Sets
 from salpchain.cli.streams import say
 from salpchain.evaluation.config import parse_lengths
+from salpchain.files import make_writable, writing
 from salpchain.installation import program
 from salpchain.training import run_folder
 
@@ -46,11 +47,13 @@ def run(options: Demo) -> int:
     folder = Path(options.out)
     lengths = parse_lengths(options.lengths)
     trials = positive("trials", options.trials)
-    status = _train(options, folder / "run")
-    if status:
-        return status
-    _test(folder, lengths, trials)
-    _draw(folder)
+    make_writable(folder)
+    with writing(folder / "demo"):
+        status = _train(options, folder / "run")
+        if status:
+            return status
+        _test(folder, lengths, trials)
+        _draw(folder)
     return 0
 
 

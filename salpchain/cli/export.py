@@ -9,6 +9,7 @@ import tyro
 from salpchain.cli.options import Name, text_option
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
+from salpchain.files import writing
 from salpchain.interop import FORMATS
 
 
@@ -47,7 +48,8 @@ def run(options: Export) -> None:
         raise InputError(f"--out must end in {suffix} for --format {options.format}, got {out}")
     if out.exists() and out.resolve() in _of(Path(options.policy)):
         raise InputError(f"--out {out} is the policy itself: choose another file")
-    export(policy, out, options.format)
+    with writing(out):
+        export(policy, out, options.format)
     print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
 
 

@@ -9,6 +9,7 @@ import tyro
 from salpchain.cli.options import text_option
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
+from salpchain.files import writing
 
 KINDS = ("learning", "zero-shot")
 SUFFIXES = (".png", ".pdf")
@@ -45,10 +46,11 @@ def run(options: Figure) -> None:
     from salpchain.report import figures
 
     paths = [Path(source) for source in options.sources]
-    if options.kind == "learning":
-        figures.learning_curves(paths, out)
-    else:
-        figures.zero_shot([evaluation_file(path) for path in paths], out)
+    with writing(out.with_suffix(".png")):  # and the PDF, which goes with it
+        if options.kind == "learning":
+            figures.learning_curves(paths, out)
+        else:
+            figures.zero_shot([evaluation_file(path) for path in paths], out)
     print(f"wrote {out.with_suffix('.png')} and {out.with_suffix('.pdf')}")
 
 

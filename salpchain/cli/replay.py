@@ -8,6 +8,7 @@ import tyro
 from salpchain.cli.options import Lengths, Whole, text_option
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
+from salpchain.files import writing
 
 
 @dataclass(frozen=True)
@@ -41,9 +42,11 @@ def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
     out = check_out(options.out, (".html",), "replay")
-    swims = trajectories(sources, options.length, options.seed, options.trial, options.time_limit)
+    asked = options.length, options.seed, options.trial, options.time_limit
     from salpchain.report.replay import write_replay
 
-    write_replay(swims, out)
+    with writing(out):
+        swims = trajectories(sources, *asked)
+        write_replay(swims, out)
     say_if_too_short(swims)
     print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB): open it in a browser")

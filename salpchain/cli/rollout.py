@@ -9,6 +9,7 @@ from salpchain.cli.options import Whole, number, text_option
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
+from salpchain.files import writing
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ def run(options: Rollout) -> None:
         raise InputError(f"{options.policy} is recorded already: give a policy")
     length = str(check_length(number("length", options.length)))
     asked = length, options.seed, options.trial, options.time_limit
-    (swim,) = trajectories([options.policy], *asked)
-    swim.save(out)
+    with writing(out):
+        (swim,) = trajectories([options.policy], *asked)
+        swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
     closed = f"{100 * swim.closed_fraction:.1f} % closed"
     print(f"{swim.policy}, {swim.length} units: {end} after {swim.duration:.1f} s, {closed}")

@@ -15,6 +15,7 @@ from salpchain.cli.recordings import (
     trajectories,
 )
 from salpchain.errors import InputError
+from salpchain.files import writing
 
 SUFFIXES = (".mp4", ".gif", ".png")
 GRID = "4,8,16,32,64"
@@ -69,13 +70,14 @@ def run(options: Video) -> None:
     speed, rate = decimal("speed", options.speed), decimal("rate", options.rate)
     film = with_defaults(out, width=width, height=height, speed=speed, rate=rate)
     lengths = GRID if options.grid else options.length
-    swims = trajectories(sources, lengths, options.seed, options.trial, options.time_limit)
-    if options.compare:
-        _check_same_episode(swims)
     from salpchain.cli.display import share_display
 
-    with share_display("drawing") as watch:
-        write_video(swims, out, film, progress=lambda share: watch(share, out.name))
+    with writing(out):
+        swims = trajectories(sources, lengths, options.seed, options.trial, options.time_limit)
+        if options.compare:
+            _check_same_episode(swims)
+        with share_display("drawing") as watch:
+            write_video(swims, out, film, progress=lambda share: watch(share, out.name))
     say_if_too_short(swims)
     print(f"wrote {out}")
 

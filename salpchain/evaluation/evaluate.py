@@ -1,10 +1,12 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
 
+import functools
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import pandas as pd
 from rich.box import SIMPLE_HEAD
@@ -18,12 +20,33 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
-from salpchain.files import StrPath, make_writable, write_json, write_text
+from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.forks import check_not_forked
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _by_one_process(work: Callable[P, R]) -> Callable[P, R]:
+    """The work, refused while another process is at the same folder `out`."""
+    names = inspect.signature(work)
+
+    @functools.wraps(work)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
+        out = names.bind(*args, **kwargs).arguments.get("out")
+        if out is None:
+            return work(*args, **kwargs)
+        make_writable(out)
+        with writing(Path(out) / SUMMARY_FILE):
+            return work(*args, **kwargs)
+
+    return guarded
+
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 
 
+@_by_one_process
 def evaluate(
     controller: Controller,
     lengths: Sequence[int],

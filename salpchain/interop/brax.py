@@ -106,7 +106,13 @@ class Renewing(base.Wrapper):
     """
 
     def reset(self, rng: Array) -> base.State:
-        """New episodes, from random keys of either kind (Brax's wrappers know the old one)."""
+        """New episodes, from random keys of either kind (Brax's wrappers know the old one).
+
+        Raises:
+            InputError: no keys.
+        """
+        if rng.shape[0] == 0:
+            raise InputError("a batch has at least one chain, got no random keys")
         typed = jnp.issubdtype(rng.dtype, jax.dtypes.prng_key)
         state = self.env.reset(jax.random.key_data(rng) if typed else rng)
         state.info["final_obs"] = state.obs

@@ -75,9 +75,10 @@ class Builder:
             x = self.gelu(self.linear(layer, x))
         return self.linear(head.layers[-1], x)
 
-    def split(self, x: str, heads: int) -> str:
-        """(chain, unit, heads x feature) by heads: (chain, unit, head, feature)."""
-        return self.op("Reshape", x, [0, 0, heads, -1])
+    def split_linear(self, layer: Linear, x: str, heads: int) -> str:
+        """`linear`, (chain, unit, heads x feature), by heads: (chain, unit, head, feature)."""
+        features = layer.weight.shape[1] // heads  # told, for -1 is not known of an empty batch
+        return self.op("Reshape", self.linear(layer, x), [0, 0, heads, features])
 
     def total(self, x: str, axis: int) -> str:
         """Sum over an axis, which goes."""
@@ -272,7 +273,7 @@ def _gcn(layer: GCNConv, x: str, graph: Seen) -> str:
 
 def _gatv2(layer: GATv2Conv, x: str, graph: Seen) -> str:
     build, (heads, features) = graph.builder, layer.attention.shape
-    source, target = (build.split(build.linear(w, x), heads) for w in (layer.source, layer.target))
+    source, target = (build.split_linear(w, x, heads) for w in (layer.source, layer.target))
     both = build.op("LeakyRelu", build.op("Add", *graph.pairs(target, source)), alpha=0.2)
     scores = build.total(build.op("Mul", both, layer.attention), -1)
     mixed = build.op("Reshape", graph.attend(scores, source), [0, 0, heads * features])
@@ -282,7 +283,7 @@ def _gatv2(layer: GATv2Conv, x: str, graph: Seen) -> str:
 def _transformer(layer: TransformerConv, x: str, graph: Seen) -> str:
     build, heads = graph.builder, layer.heads
     query, key, value = (
-        build.split(build.linear(w, x), heads) for w in (layer.query, layer.key, layer.value)
+        build.split_linear(w, x, heads) for w in (layer.query, layer.key, layer.value)
     )
     features = layer.query.bias.shape[0] // heads
     scores = build.op("Mul", graph.products(query, key), features**-0.5)

@@ -1,5 +1,6 @@
 """Our controllers in other tools' loops: from observations to actions, both NumPy."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -43,12 +44,12 @@ def steering(policy: Controller, **task: Any) -> Steer:
     def steer(obs: np.ndarray) -> np.ndarray:
         check_not_forked()
         obs = np.asarray(obs, np.float32)
-        if obs.shape[-2:] != (slots, features) or not obs.size:
+        if obs.shape[-2:] != (slots, features):
             raise InputError(
                 f"observations must have shape (..., {slots}, {features}), got {obs.shape}"
             )
-        actions = np.array(act(obs.reshape(-1, slots, features)))
-        return actions.reshape(*obs.shape[:-1], -1)
+        actions = np.array(act(obs.reshape(math.prod(obs.shape[:-2]), slots, features)))
+        return actions.reshape(*obs.shape[:-1], actions.shape[-1])
 
     return steer
 

@@ -15,7 +15,7 @@ from typing import Any
 from salpchain.control.config import ControlConfig
 from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
-from salpchain.files import StrPath, read_json, write_json, write_text
+from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_text
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
 from salpchain.training.settings import changed
 
@@ -58,8 +58,8 @@ def check_free(run: StrPath) -> None:
 
 def is_free(run: StrPath) -> bool:
     """Whether there is no such folder, or one that is empty but for a half-written start."""
-    run = Path(run)
-    return not run.exists() or all(p.name.startswith(f".{CONFIG_FILE}") for p in run.iterdir())
+    run, start = Path(run), (f".{CONFIG_FILE}", LOCK_FILE)
+    return not run.exists() or all(p.name.startswith(start) for p in run.iterdir())
 
 
 def is_finished(run: StrPath) -> bool:

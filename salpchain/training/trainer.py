@@ -45,8 +45,10 @@ def train(
         KeyboardInterrupt: asked to stop; everything is saved.
     """
     run = Path(run)
-    devices = _create(config, run, devices)
-    with alone(run):
+    run_folder.check_free(run)
+    run.mkdir(parents=True, exist_ok=True)
+    with alone(run):  # from before its settings are written: of two, one has the folder
+        devices = _create(config, run, devices)
         sitting = Sitting([config], [run], devices, watch, save_every)
         sitting.tell(Progress(0, config.total_steps, compiling=True))
         learner = new_learner(config, sitting.env)
@@ -101,14 +103,14 @@ def train_together(
         As `train` and `resume`. A run whose numbers are not finite stops nothing but itself.
     """
     runs = [Path(run) for run in runs]
-    for config, run in zip(configs, runs, strict=True):
-        if not (run / run_folder.CONFIG_FILE).exists():
-            _create(config, run, devices)
-    _, devices = run_folder.read_config(runs[0])
-    use_devices(devices)
     with ExitStack() as stack:
-        for run in runs:
+        for config, run in zip(configs, runs, strict=True):
+            run.mkdir(parents=True, exist_ok=True)
             stack.enter_context(alone(run, patience))
+            if not (run / run_folder.CONFIG_FILE).exists():
+                _create(config, run, devices)
+        _, devices = run_folder.read_config(runs[0])
+        use_devices(devices)
         env = SCLD(configs[0].task)
         learners = [_saved_or_new(env, *both) for both in zip(configs, runs, strict=True)]
         come = [int(learner.iteration) for learner in learners]

@@ -116,7 +116,9 @@ def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
 
 
 def test_numbers_of_numpy_are_settings_too():
-    assert task_of({"length": np.int64(8), "fence": np.bool_(True)}) == TaskConfig(8, fence=True)
+    assert task_of({"length": np.int64(8), "fence": np.bool_(True)}) == TaskConfig(
+        8, fence=True, time_limit="scaled"
+    )
 
 
 def test_seeds_may_be_any_sequence_and_none_is_chance(batch):

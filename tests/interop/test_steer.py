@@ -33,7 +33,7 @@ def test_only_a_learned_policy_maps_observations():
         steering(Greedy(), length=3)
 
 
-@pytest.mark.parametrize("shape", [(3, 22), (5, 21), (22,), (0, 5, 22)])
+@pytest.mark.parametrize("shape", [(3, 22), (5, 21), (22,), (0, 5, 21)])
 def test_observations_of_another_shape_are_refused(shape):
     with pytest.raises(InputError, match=r"must have shape \(\.\.\., 5, 22\)"):
         steering(fresh(), length=5)(np.zeros(shape))
