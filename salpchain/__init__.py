@@ -23,6 +23,7 @@ _PUBLIC = {
     "Controller": "salpchain.control.policy",
     "Policy": "salpchain.control.policy",
     "load": "salpchain.control.named",
+    "steering": "salpchain.control.steering",
     "save_policy": "salpchain.control.storage",
     "ControlConfig": "salpchain.control.config",
     "PPOConfig": "salpchain.training.config",
@@ -49,6 +50,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.control.named import load as load
     from salpchain.control.policy import Controller as Controller
     from salpchain.control.policy import Policy as Policy
+    from salpchain.control.steering import steering as steering
     from salpchain.control.storage import save_policy as save_policy
     from salpchain.domain.config import TaskConfig as TaskConfig
     from salpchain.domain.scld import SCLD as SCLD

@@ -31,6 +31,8 @@ reveal_type(bodies.position)
 written: list[salpchain.Controller] = [salpchain.Greedy(), salpchain.Approach(), salpchain.MPC()]
 reveal_type(written[0].act(state))
 reveal_type(salpchain.MPC.guided(policy))
+steer = salpchain.steering(policy, length=8)
+reveal_type(steer)
 
 config = salpchain.TrainConfig(
     control=salpchain.ControlConfig(model="gt"),

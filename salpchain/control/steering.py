@@ -1,0 +1,147 @@
+"""Controllers for chains that somebody else moves, such as a robot: poses in, actions out."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+from jaxtyping import Array, Float
+
+from salpchain.control.policy import Controller, Planner
+from salpchain.domain.scld import SCLD
+from salpchain.errors import InputError
+from salpchain.physics.chain import Bodies, at_rest
+
+Poses = dict[str, np.ndarray]
+VECTORS = ("position", "velocity", "target", "force")
+
+
+class Steering:
+    """What `steering` gives: call it with poses for actions, or ask for the thrusts."""
+
+    def __init__(self, controller: Controller, env: SCLD) -> None:
+        """For chains of the length and the actions of an environment."""
+        self.controller, self.env = controller, env
+
+    def __call__(
+        self,
+        position: Any,
+        angle: Any,
+        velocity: Any,
+        angular_velocity: Any,
+        target: Any,
+        force: Any = None,
+    ) -> np.ndarray:
+        """The action of every unit for the next 0.1 s, (..., unit, act), each in [-1, 1].
+
+        Of one chain, or of many with the same axes in front. Everything in one fixed frame of your
+        choice; units in chain order.
+
+        Args:
+            position: (..., unit, 2) m.
+            angle: (..., unit) rad, of a unit's axis along the chain, anticlockwise; it pushes along
+                its heading, 90 degrees anticlockwise of that.
+            velocity: (..., unit, 2) m/s.
+            angular_velocity: (..., unit) rad/s.
+            target: (..., unit, 2) m, one point for each unit.
+            force: (..., unit, 2) N, of each unit's thrust in the last 0.1 s; zero without. The
+                observation `table1` alone has it.
+
+        Raises:
+            InputError: an array of another shape, or one that is not finite, such as that of a
+                lost marker: it says of which unit. Send no thrust then.
+        """
+        return self._played(position, angle, velocity, angular_velocity, target, force)[0]
+
+    def thrust(
+        self,
+        position: Any,
+        angle: Any,
+        velocity: Any,
+        angular_velocity: Any,
+        target: Any,
+        force: Any = None,
+    ) -> np.ndarray:
+        """The thrust of every unit for the next 0.1 s, (..., unit) N along its heading.
+
+        Arguments and errors are those of a call.
+        """
+        return self._played(position, angle, velocity, angular_velocity, target, force)[1]
+
+    def _played(self, *given: Any) -> tuple[np.ndarray, np.ndarray]:
+        names = ("position", "angle", "velocity", "angular_velocity", "target", "force")
+        poses = dict(zip(names, given, strict=True))
+        if poses["force"] is None:
+            poses["force"] = np.zeros_like(np.asarray(poses["position"], float))
+        poses, axes = _checked(poses, self.env.config.length)
+        rows = {name: x.reshape(-1, *x.shape[len(axes) :]) for name, x in poses.items()}
+        actions, thrusts = _play(self.controller, self.env, rows)
+        actions, thrusts = np.asarray(actions), np.asarray(thrusts)
+        return actions.reshape(*axes, *actions.shape[1:]), thrusts.reshape(*axes, -1)
+
+
+def steering(controller: Controller, length: int) -> Steering:
+    """What maps poses from anywhere to actions: of a policy, of `Greedy`, `Approach`, or your own.
+
+    `actions = steering(salpchain.load("any-length"), 8)(position, angle, velocity,
+    angular_velocity, target)`, all as arrays; docs/python.md has a loop.
+
+    Args:
+        controller: a learned or a hand-written one.
+        length: units of the chains.
+
+    Raises:
+        InputError: the controller cannot serve this length, or plans ahead on our own engine, as
+            `MPC` does, which needs more than poses.
+    """
+    if isinstance(controller, Planner):
+        raise InputError(
+            f"{controller.card.name} plans on the simulation and remembers: it cannot be steered"
+            " by poses; take a policy, greedy or approach"
+        )
+    return Steering(controller, SCLD(controller.card.task(length)))
+
+
+def _checked(given: dict[str, Any], length: int) -> tuple[Poses, tuple[int, ...]]:
+    """The poses as arrays of floats, and the axes that stand before those of a chain.
+
+    Raises:
+        InputError: one of another shape, or not finite.
+    """
+    axes = np.shape(given["angle"])[:-1]
+    poses: Poses = {}
+    for name, value in given.items():
+        shape = (*axes, length, 2) if name in VECTORS else (*axes, length)
+        array = np.asarray(value, float)
+        if array.shape != shape or 0 in shape:
+            raise InputError(f"{name} must have shape {_shape(name, length)}, got {array.shape}")
+        if not np.isfinite(array).all():
+            unit = int(np.argwhere(~np.isfinite(array))[0][len(axes)])
+            raise InputError(f"{name} of unit {unit} is not finite: send no thrust")
+        poses[name] = array
+    return poses, axes
+
+
+def _shape(name: str, length: int) -> str:
+    return f"(..., {length}, 2)" if name in VECTORS else f"(..., {length})"
+
+
+@eqx.filter_jit
+def _play(controller: Controller, env: SCLD, rows: dict[str, Any]) -> tuple[Array, Array]:
+    """Actions and thrusts for a batch of chains."""
+
+    def one(poses: dict[str, Float[Array, "..."]]) -> tuple[Array, Array]:
+        chain = at_rest(poses["position"], poses["angle"])
+        units = Bodies(
+            poses["position"], poses["angle"], poses["velocity"], poses["angular_velocity"]
+        )
+        chain = eqx.tree_at(lambda c: c.units, chain, units)
+        state = env.start(chain, poses["target"], jr.key(0))
+        seen = env.observe(chain, poses["target"], poses["force"])
+        state = eqx.tree_at(lambda s: (s.obs, s.force), state, (seen, poses["force"]))
+        actions = jnp.clip(controller.act(state), -1.0, 1.0)
+        return actions, env.thrust(chain, actions)
+
+    return jax.vmap(one)({name: jnp.asarray(x, jnp.float32) for name, x in rows.items()})
