@@ -72,7 +72,7 @@ class Steering:
 
     def _played(self, *given: Any) -> tuple[np.ndarray, np.ndarray]:
         names = ("position", "angle", "velocity", "angular_velocity", "target", "force")
-        poses = dict(zip(names, given, strict=True))
+        poses: dict[str, Any] = dict(zip(names, given, strict=True))
         if poses["force"] is None:
             poses["force"] = np.zeros_like(np.asarray(poses["position"], float))
         poses, axes = _checked(poses, self.env.config.length)
