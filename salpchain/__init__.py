@@ -24,6 +24,7 @@ _PUBLIC = {
     "Policy": "salpchain.control.policy",
     "load": "salpchain.control.named",
     "steering": "salpchain.control.steering",
+    "identity": "salpchain.control.identity",
     "save_policy": "salpchain.control.storage",
     "ControlConfig": "salpchain.control.config",
     "PPOConfig": "salpchain.training.config",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.control.approach import Approach as Approach
     from salpchain.control.config import ControlConfig as ControlConfig
     from salpchain.control.greedy import Greedy as Greedy
+    from salpchain.control.identity import identity as identity
     from salpchain.control.mpc import MPC as MPC
     from salpchain.control.named import load as load
     from salpchain.control.policy import Controller as Controller

@@ -12,8 +12,8 @@ from salpchain.cli.streams import say
 from salpchain.control.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
-from salpchain.evaluation.config import SUMMARY_FILE, parse_lengths
-from salpchain.files import make_writable, read_json
+from salpchain.evaluation.config import parse_lengths
+from salpchain.files import make_writable
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,11 @@ class Evaluate:
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     out: Folder = ""
-    """Folder for the two files; results in it of a policy of another name are kept.
-    Default: evaluation in the run folder, else evaluation-NAME in the working folder."""
+    """Folder for the two files. Results in it of another policy, or of other trials, are kept and
+    these are refused. Default: evaluation in the run folder, else evaluation-NAME in the working
+    folder."""
+    overwrite: Flag = False
+    """Replace whatever results --out holds."""
     json: Flag = False
     """Print the summary, as in evaluation.json, as JSON alone."""
 
@@ -60,7 +63,6 @@ def run(options: Evaluate) -> None:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
-    _check_whose(out, tested.card.name)
     from salpchain.cli.display import share_display
     from salpchain.devices import use_devices
     from salpchain.evaluation import too_short
@@ -68,17 +70,23 @@ def run(options: Evaluate) -> None:
 
     use_devices()
     with share_display("testing") as watch:
-        summary = evaluate(tested, lengths, trials, options.time_limit, seed, out, progress=watch)
+        summary = evaluate(
+            tested, lengths, trials, options.time_limit, seed, out,
+            progress=watch, overwrite=options.overwrite,
+        )  # fmt: skip
     said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
-    say(too_short.of_summary(summary))
+    note = too_short.of_summary(summary)
     if options.json:
         print(dumps(summary, indent=2, allow_nan=False))
+        say(note)
         say(said)
         return
     from rich.console import Console
 
     hardness = difficulty_table(summary)
     Console().print(table(summary), *([hardness] if hardness.row_count else []))
+    if note:
+        print(note)
     print(said)
 
 
@@ -91,13 +99,3 @@ def default_out(policy: str) -> Path:
         return Path(f"evaluation-{policy}")
     run = path if path.is_dir() else path.parent if path.name == POLICY_FILE else None
     return run / "evaluation" if run is not None else Path(f"evaluation-{path.stem}")
-
-
-def _check_whose(out: Path, policy: str) -> None:
-    """Nothing, unless the folder has results of a policy of another name: they would be lost."""
-    if not (out / SUMMARY_FILE).exists():
-        return
-    kept = read_json(out / SUMMARY_FILE)
-    owner = kept.get("policy", "something else") if isinstance(kept, dict) else "something else"
-    if owner != policy:
-        raise InputError(f"{out} holds results of {owner}, not {policy}: choose another --out")

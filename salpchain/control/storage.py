@@ -10,6 +10,7 @@ import numpy as np
 
 from salpchain.control.actor_critic import ActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
+from salpchain.control.identity import identity_of_weights
 from salpchain.control.named import WRITTEN
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.released import released
@@ -27,13 +28,16 @@ POLICY_FILE = "policy.safetensors"
 def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
     """The policy as one file, atomically; with `half`, weights in half precision, rounded.
 
+    The header has the policy's card and its `identity`, which no other weights have.
+
     Raises:
         OSError: the folder is missing or not writable, or the disk is full.
     """
     arrays = to_arrays(policy.network)
     if half:
         arrays = {name: array.astype(np.float16) for name, array in arrays.items()}
-    write_arrays(path, KIND, VERSION, policy.card.as_dict(), arrays)
+    header = policy.card.as_dict() | {"identity": identity_of_weights(policy.card, arrays)}
+    write_arrays(path, KIND, VERSION, header, arrays)
 
 
 def load(source: StrPath) -> Policy:

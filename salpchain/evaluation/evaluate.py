@@ -14,10 +14,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from salpchain.control.greedy import Greedy
+from salpchain.control.identity import identity
 from salpchain.control.policy import Controller, Planner
 from salpchain.domain.config import PLAYED_LIMIT, step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
+from salpchain.evaluation.kept import check_kept, settings
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
@@ -56,16 +58,18 @@ def evaluate(
     out: StrPath | None = None,
     baseline: bool = True,
     progress: Progress | None = None,
+    overwrite: bool = False,
 ) -> Summary:
     """The summary of the controller's trials, that of greedy's on the same starts as "baseline".
 
-    The summary is that of `summarise` with the policy's "card" besides; "baseline" is None where
-    none was asked for, or the controller is the baseline. With `out`, a folder that is made if it
-    is missing, `evaluation.csv` gets a row for each trial of both and `evaluation.json` the
-    summary; either file is whole or not there.
+    The summary is that of `summarise` with the policy's "identity" and "card" besides; "baseline"
+    is None where none was asked for, or the controller is the baseline. With `out`, a folder that
+    is made if it is missing, `evaluation.csv` gets a row for each trial of both and
+    `evaluation.json` the summary; either file is whole or not there.
 
     Raises:
-        InputError: no lengths, fewer than one trial, or an impossible length or time limit.
+        InputError: no lengths, fewer than one trial, or an impossible length or time limit; `out`
+            holds results of another controller, or with other settings, and not `overwrite`.
         OSError: the folder cannot be written.
     """
     check_not_forked()
@@ -73,7 +77,8 @@ def evaluate(
     if baseline and not isinstance(controller, Greedy):
         others.append(Greedy(controller.card.observation, controller.card.action))
     if out is not None:
-        make_writable(out)
+        asked = settings(lengths, trials, time_limit, seed, bool(others))
+        _claim(Path(out), controller, asked, overwrite)
     play = partial(_play, lengths=lengths, trials=trials, time_limits=(time_limit,), seed=seed)
     if isinstance(controller, Planner):  # would plan on for nothing while the baseline swims
         apart = [play([other], progress=None)[time_limit][0] for other in others]
@@ -91,6 +96,7 @@ def evaluate_limits(
     seed: int,
     out: StrPath,
     progress: Progress | None = None,
+    overwrite: bool = False,
 ) -> None:
     """`evaluate` without baseline under several time limits, each into its folder of `out`.
 
@@ -101,17 +107,27 @@ def evaluate_limits(
     """
     out = Path(out)
     for limit in time_limits:
-        make_writable(out / limit)
+        asked = settings(lengths, trials, limit, seed, baseline=False)
+        _claim(out / limit, controller, asked, overwrite)
     played = _play([controller], lengths, trials, time_limits, seed, progress)
     for limit in time_limits:
         _summary(controller, played[limit], out / limit)
+
+
+def _claim(out: Path, controller: Controller, asked: dict[str, Any], overwrite: bool) -> None:
+    """Raise unless these results may be written to the folder, which is made if it is missing."""
+    if not overwrite:
+        check_kept(out, controller.card.name, identity(controller), asked)
+    make_writable(out)
 
 
 def _summary(
     controller: Controller, frames: Sequence[pd.DataFrame], out: StrPath | None
 ) -> Summary:
     """What the trials of the controller and of its baseline, if there is one, say; as files too."""
-    summary = {**summarise(frames[0]), "card": controller.card.as_dict()}
+    told = summarise(frames[0])
+    whose = {"policy": told["policy"], "identity": identity(controller)}
+    summary = whose | told | {"card": controller.card.as_dict()}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
         write_text(Path(out) / TRIALS_FILE, pd.concat(frames).to_csv(index=False))

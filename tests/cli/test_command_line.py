@@ -10,6 +10,7 @@ from pathlib import Path
 import jax.random as jr
 import pytest
 
+from salpchain import identity, load
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, _report, settings
@@ -282,16 +283,70 @@ def test_results_of_a_name_leave_a_folder_that_is_called_so_alone(tmp_path, monk
             assert default_out(policy) == Path(folder) / "evaluation"
 
 
-def test_results_of_another_policy_are_not_lost(tmp_path, capsys):
-    words = ["evaluate", "--lengths", "2", "--trials", "1", "--out", str(tmp_path)]
-    assert run([*words, "greedy"]) == 0
-    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert run([*words, "approach"]) == 2
-    assert "holds results of greedy, not approach: choose another --out" in capsys.readouterr().err
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
-    assert run([*words, "greedy", "--seed", "1"]) == 0
-    (tmp_path / "evaluation.json").write_text("[1]")
-    assert run([*words, "greedy"]) == 2
+@pytest.fixture
+def twins(tmp_path):
+    """Two run folders whose policies have one name and other weights."""
+    for seed in (0, 1):
+        card, run_folder = PolicyCard(name="gcn-mixed-8"), tmp_path / f"twin-{seed}"
+        run_folder.mkdir()
+        network = actor_critic(jr.key(seed), card.control, 22, 1, 8)
+        save_policy(Policy(network, card), run_folder / "policy.safetensors")
+    return tmp_path / "twin-0", tmp_path / "twin-1"
+
+
+def content_of(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_results_of_another_policy_are_not_lost_whatever_it_is_called(twins, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ["evaluate", "--lengths", "2", "--trials", "1", "--out", str(out)]
+    one, other = map(str, twins)
+    assert run([*words, one]) == 0
+    kept = content_of(out)
+    for policy in (other, "approach"):
+        capsys.readouterr()
+        assert run([*words, policy]) == 2
+        said = capsys.readouterr()
+        assert said.out == "" and said.err.count("\n") == 1
+        assert f"{out} holds results of gcn-mixed-8, " in said.err and "--overwrite" in said.err
+        assert content_of(out) == kept
+    assert run([*words, one]) == 0 and content_of(out) == kept
+    assert run([*words, other, "--overwrite"]) == 0
+    assert json.loads((out / "evaluation.json").read_text())["identity"] == identity(load(other))
+
+
+def test_results_of_other_trials_are_not_lost(tmp_path, capsys):
+    words = ["evaluate", "greedy", "--out", str(tmp_path)]
+    assert run([*words, "--lengths", "2,3", "--trials", "2"]) == 0
+    kept = content_of(tmp_path)
+    for more, says in (
+        (["--lengths", "2,3", "--trials", "1"], "trials 2 there, 1 asked for"),
+        (["--lengths", "2", "--trials", "2"], "lengths 2,3 there, 2 asked for"),
+        (["--lengths", "2,3", "--trials", "2", "--seed", "1"], "seed 0 there, 1 asked for"),
+        (["--lengths", "2,3", "--trials", "2", "--time-limit", "fixed"], "time limit scaled there"),
+    ):
+        capsys.readouterr()
+        assert run([*words, *more]) == 2
+        said = capsys.readouterr().err
+        assert says in said and "--overwrite" in said and said.count("\n") == 1
+        assert content_of(tmp_path) == kept
+    for content in ("[1]", "{}", "half a fi"):
+        (tmp_path / "evaluation.json").write_text(content)
+        assert run([*words, "--lengths", "2", "--trials", "1"]) == 2
+        assert (tmp_path / "evaluation.json").read_text() == content
+    assert run([*words, "--lengths", "2", "--trials", "1", "--overwrite"]) == 0
+    assert len(json.loads((tmp_path / "evaluation.json").read_text())["lengths"]) == 1
+
+
+def test_results_that_do_not_say_of_which_weights_they_are_are_kept(tmp_path, capsys):
+    words = ["evaluate", "greedy", "--lengths", "2", "--trials", "1", "--out", str(tmp_path)]
+    assert run(words) == 0
+    old = json.loads((tmp_path / "evaluation.json").read_text())
+    del old["identity"]
+    (tmp_path / "evaluation.json").write_text(json.dumps(old))
+    assert run(words) == 2
+    assert "greedy, which does not say of which weights" in capsys.readouterr().err
 
 
 def test_what_to_do_next_names_the_run_and_not_a_policy_that_is_called_so(capsys):

@@ -9,6 +9,7 @@ from rich.console import Console
 from salpchain.control.greedy import Greedy
 from salpchain.control.mpc import MPC
 from salpchain.control.policy import PolicyCard
+from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
 from salpchain.evaluation.handicaps import Delayed
@@ -166,3 +167,23 @@ def test_several_time_limits_give_the_files_of_each(tmp_path, monkeypatch):
         kept = json.loads((tmp_path / limit / "evaluation.json").read_text())
         assert kept == json.loads(json.dumps(alone)) and kept["time_limit"] == limit
         assert len(pd.read_csv(tmp_path / limit / "evaluation.csv")) == TRIALS * len(LENGTHS)
+
+
+def test_results_of_another_controller_or_of_other_trials_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
+    evaluate(Constant(0.3), LENGTHS, TRIALS, "fixed", 5, tmp_path)
+    kept = (tmp_path / "evaluation.json").read_bytes()
+    monkeypatch.setattr(module, "run_limits", lambda *_: pytest.fail("played"))
+    for controller, trials, baseline in (
+        (Constant(0.4), TRIALS, True),  # of the same name
+        (Constant(0.3), TRIALS + 1, True),
+        (Constant(0.3), TRIALS, False),
+    ):
+        with pytest.raises(InputError, match=r"--overwrite \(in Python: overwrite=True\)"):
+            evaluate(controller, LENGTHS, trials, "fixed", 5, tmp_path, baseline)
+    assert (tmp_path / "evaluation.json").read_bytes() == kept
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
+    again = evaluate(Constant(0.3), list(reversed(LENGTHS)), TRIALS, "fixed", 5, tmp_path)
+    assert (tmp_path / "evaluation.json").read_bytes() == kept and again["policy"] == "constant"
+    other = evaluate(Constant(0.4), [4], 2, "scaled", 0, tmp_path, overwrite=True)
+    assert json.loads((tmp_path / "evaluation.json").read_text()) == json.loads(json.dumps(other))
