@@ -47,9 +47,10 @@ def run(options: Demo) -> int:
     folder = Path(options.out)
     lengths = parse_lengths(options.lengths)
     trials = positive("trials", options.trials)
+    training = _training(options, folder / "run")
     make_writable(folder)
     with writing(folder / "demo"):
-        status = _train(options, folder / "run")
+        status = train_command.run(training)
         if status:
             return status
         _test(folder, lengths, trials)
@@ -57,8 +58,8 @@ def run(options: Demo) -> int:
     return 0
 
 
-def _train(options: Demo, run: Path) -> int:
-    """Trains, or goes on with a training that was interrupted, unless it is whole."""
+def _training(options: Demo, run: Path) -> train_command.Train:
+    """A new training, or one that was interrupted and goes on; its settings are checked."""
     resume = (run / run_folder.CONFIG_FILE).exists()
     asked = train_command.Train(
         out=str(run),
@@ -68,7 +69,8 @@ def _train(options: Demo, run: Path) -> int:
         steps=options.steps,
         resume=resume,
     )
-    return train_command.run(asked)
+    train_command.settings(asked, run)
+    return asked
 
 
 def _test(folder: Path, lengths: list[int], trials: int) -> None:

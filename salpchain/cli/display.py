@@ -19,6 +19,7 @@ from salpchain.cli.streams import notices
 from salpchain.cluster.sweep import Overall
 from salpchain.training.config import TrainConfig
 from salpchain.training.journal import Progress as TrainProgress
+from salpchain.training.settings import changed
 from salpchain.training.trainer import Watch
 
 PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
@@ -34,7 +35,9 @@ def training_display(config: TrainConfig) -> Iterator[Watch]:
 
     def watch(now: TrainProgress) -> None:
         if now.compiling:
-            about = f"training {config.name}, preset {config.preset}, seed {config.seed}"
+            other = len(changed(config))
+            but = f" but for {other} setting{'s' * (other > 1)}" if other else ""
+            about = f"training {config.name}, preset {config.preset}{but}, seed {config.seed}"
             console.print(f"{about}: compiling", highlight=False)
             if console.is_terminal:
                 bar.reset(task, completed=now.steps)

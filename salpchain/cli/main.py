@@ -54,7 +54,7 @@ USAGE = {
     "export": "POLICY [OPTIONS]",
     "models": "[NAME] [OPTIONS]",
     "bench": "[OPTIONS]",
-    "reproduce": "[OPTIONS]",
+    "reproduce": "[--set PATH=VALUE]... [OPTIONS]",
     "rollout": "RUN_OR_POLICY --out FILE.npz [OPTIONS]",
     "video": "POLICY_OR_TRAJECTORY|--compare A B... --out FILE.mp4|gif|png [OPTIONS]",
     "replay": "POLICY_OR_FILE... --out FILE.html [OPTIONS]",

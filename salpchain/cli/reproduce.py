@@ -17,6 +17,7 @@ from salpchain.cli.options import (
     text_option,
     whole,
 )
+from salpchain.cli.settings import Sets
 from salpchain.cli.streams import say
 from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.control.config import PAPER_GRAPHS, SINGLE_LENGTH
@@ -57,6 +58,8 @@ class Reproduce:
     """Seeds of each configuration: 0, 1, 2, ... A study can be given more later."""
     steps: Whole = ""
     """Chain-steps of each run. Default: the preset's."""
+    set: Sets = ()
+    """A setting of every run, such as ppo.epochs=2, but those above; may be given several times."""
     trials: Whole = "50"
     """Episodes of each test length."""
     tests: Lengths = ""
@@ -142,6 +145,7 @@ def grid_of(options: Reproduce) -> Grid:
         steps=whole("steps", options.steps),
         trials=positive("trials", options.trials),
         tests=tests,
+        settings=tuple(sorted(options.set)),
     )
 
 

@@ -12,7 +12,7 @@ from salpchain.errors import InputError
 from salpchain.files import read_json
 from salpchain.training.config import TrainConfig
 from salpchain.training.run_folder import CONFIG_FILE, FORMAT
-from salpchain.training.settings import SETTINGS, check_path, checked, flat, overlay, parsed
+from salpchain.training.settings import SETTINGS, check_path, checked, flat, overlay, typed
 
 Sets = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, text_option("PATH=VALUE", name="set")]
 File = Annotated[str, text_option("FILE")]
@@ -68,24 +68,6 @@ def _flattened(content: Any) -> dict[str, Any]:
             raise InputError(f"{name} must be a table, got {value!r}")
         else:
             values |= {f"{name}.{inner}": given for inner, given in value.items()}
-    return values
-
-
-def typed(sets: Sequence[str]) -> dict[str, Any]:
-    """The values of `--set PATH=VALUE`, by path.
-
-    Raises:
-        InputError: another form, an unknown setting, a value of another type, or a setting given
-            twice.
-    """
-    values: dict[str, Any] = {}
-    for text in sets:
-        path, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(f"--set must be like ppo.learning_rate=1e-3, got {text!r}")
-        if path in values:
-            raise InputError(f"--set {path} is given twice: leave one out")
-        values[path] = parsed(path, value)
     return values
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from salpchain.cli.options import Flag, Folder, Lengths, Name, Whole, decimals, text_option, whole
-from salpchain.cli.settings import File, Sets, check_agrees, combined, typed
+from salpchain.cli.settings import File, Sets, check_agrees, combined
 from salpchain.cli.streams import say
 from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.named import is_name
@@ -14,7 +14,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
 from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
-from salpchain.training.settings import compose
+from salpchain.training.settings import compose, typed
 
 # The setting of each option
 PATHS = {

@@ -83,7 +83,7 @@ def plan(grid: Grid, jobs: int | None, left: Sequence[Job], baseline: bool) -> s
     disk = RUN_BYTES * len(left) / 1e9
     return "\n".join(
         [
-            f"preset {grid.preset}: {len(grid.jobs())} runs, then {_tests(grid)}, limits"
+            f"preset {grid.changed_preset}: {len(grid.jobs())} runs, then {_tests(grid)}, limits"
             f" {', '.join(grid.time_limits)}",
             *lines,
             *([f"{done} of {len(grid.jobs())} runs are done; what is left takes"] if done else []),

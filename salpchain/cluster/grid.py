@@ -16,6 +16,7 @@ from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json
 from salpchain.training.config import TrainConfig
 from salpchain.training.presets import PRESETS, choose
+from salpchain.training.settings import laid_over, typed
 
 GRID_FILE = "grid.json"
 FORMAT = 1
@@ -25,6 +26,20 @@ PAPER_TESTS = tuple(range(4, 65, 4))
 PAPER_TRIALS = 50
 PAPER_SEEDS = 5
 TEST_SEED = 1000  # of the starts that judge (chosen)
+_NO_MIX = "each of its controllers is trained on one length"
+# Settings that the study itself varies or fixes, and what to do instead.
+VARIED = {
+    "preset": "give it as preset",
+    "control.model": "give it as models",
+    "control.graph": "give it as graphs",
+    "task.length": "give it as lengths",
+    "seed": "give it as seeds",
+    "steps": "give it as steps",
+    "mix.lengths": _NO_MIX,
+    "mix.weights": _NO_MIX,
+    "mix.grow": _NO_MIX,
+    "name": "each run is named by its settings",
+}
 MOST_SEEDS = 1000  # (chosen)
 
 
@@ -58,6 +73,7 @@ class Grid:
     trials: int = PAPER_TRIALS
     tests: tuple[int, ...] = PAPER_TESTS
     time_limits: tuple[str, ...] = TIME_LIMITS
+    settings: tuple[str, ...] = ()  # of every run, otherwise than the preset's: PATH=VALUE, sorted
 
     def __post_init__(self) -> None:
         one_of("preset", self.preset, PRESETS)
@@ -72,6 +88,16 @@ class Grid:
             _check_each("graph", self.graphs, PAPER_GRAPHS)
         else:
             self._check_without_graphs()
+        self._check_settings()
+
+    def _check_settings(self) -> None:
+        for path in typed(self.settings):
+            if path in VARIED:
+                raise InputError(f"a study has a setting {path} of its own: {VARIED[path]}")
+        if list(self.settings) != sorted(self.settings):
+            raise InputError(f"settings must be sorted, got {', '.join(self.settings)}")
+        if self.settings:
+            self.configurations()
 
     def _check_without_graphs(self) -> None:
         if self.graphs:
@@ -86,6 +112,11 @@ class Grid:
                 " graph model or leave the tests out"
             )
 
+    @property
+    def changed_preset(self) -> str:
+        """The preset, and what was set otherwise."""
+        return " with ".join([self.preset, *([", ".join(self.settings)] if self.settings else [])])
+
     def configurations(self) -> list[TrainConfig]:
         """Of all runs, with seed 0; those with one length have no graph."""
         return [
@@ -96,7 +127,8 @@ class Grid:
         ]
 
     def _config(self, model: str, graph: str | None, length: int) -> TrainConfig:
-        return choose(self.preset, model=model, graph=graph, length=length, steps=self.steps)
+        config = choose(self.preset, model=model, graph=graph, length=length, steps=self.steps)
+        return laid_over(config, typed(self.settings))
 
     def jobs(self) -> list[Job]:
         """All runs: first every configuration with seed 0, then with seed 1, and so on.
@@ -178,7 +210,7 @@ def read_grid(folder: StrPath) -> Grid:
     try:
         if int(content["format"]) > FORMAT:
             raise InputError(f"{folder} was made by a newer salpchain: upgrade salpchain")
-        given: dict[str, Any] = content["grid"]
+        given: dict[str, Any] = {"settings": [], **content["grid"]}  # older ones have none
         if given.keys() != names:
             odd = sorted(given.keys() ^ names)[0]
             raise ValueError(f"{odd!r} is {'unknown' if odd in given else 'missing'}")

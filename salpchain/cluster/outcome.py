@@ -186,8 +186,9 @@ def _verdict(claims: Sequence[Claim], done: int, jobs: int) -> str:
 def _about(grid: Grid, training: Any, tested: bool) -> list[str]:
     """What was run, and how to read what follows."""
     devices = _and(sorted(set(training["device"])))
+    models = f"{_count(len(grid.models), 'model')} ({', '.join(grid.models)})"
     paragraphs = [
-        f"Preset {grid.preset}, {_count(len(grid.models), 'model')} ({', '.join(grid.models)}),"
+        f"Preset {grid.changed_preset}, {models},"
         f" trained on {_and(grid.lengths)} units with {_count(grid.seeds, 'seed')} each, and"
         f" {_count(grid.trials, 'trial')} for each test length. The trainings took"
         f" {_duration(float(training['seconds'].sum()))} in all, on {devices}.",

@@ -102,6 +102,24 @@ def _whole(text: str) -> int:
         return int(value)
 
 
+def typed(sets: Sequence[str]) -> dict[str, Any]:
+    """The values of `--set PATH=VALUE`, by path.
+
+    Raises:
+        InputError: another form, an unknown setting, a value of another type, or a setting given
+            twice.
+    """
+    values: dict[str, Any] = {}
+    for text in sets:
+        path, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"--set must be like ppo.learning_rate=1e-3, got {text!r}")
+        if path in values:
+            raise InputError(f"--set {path} is given twice: leave one out")
+        values[path] = parsed(path, value)
+    return values
+
+
 def overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Settings where those above win. The lengths go together: new ones replace all of the old."""
     lengths = above.get("mix.lengths")

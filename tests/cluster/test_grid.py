@@ -48,6 +48,11 @@ def test_the_mlp_is_in_the_grid_once_for_each_length():
         ({"seeds": 0}, "seeds must be 1 to"),
         ({"preset": "slow"}, "slow"),
         ({"steps": 0}, "steps must be positive"),
+        ({"settings": ("ppo.gama=1",)}, "perhaps ppo.gamma"),
+        ({"settings": ("ppo.gamma=2",)}, "gamma must lie in"),
+        ({"settings": ("seed=2",)}, "a study has a setting seed of its own: give it as seeds"),
+        ({"settings": ("mix.lengths=4,8",)}, "trained on one length"),
+        ({"settings": ("control.improved=true",)}, "improved belongs to the model gcn"),
     ],
     ids=lambda v: str(v)[:40],
 )
@@ -65,6 +70,24 @@ def test_a_folder_keeps_its_grid_and_refuses_another(tmp_path):
         claim(folder, Grid(seeds=1))
     with pytest.raises(InputError, match=r'models \["mlp", "gcn", "gatv2", "gt"\] there'):
         claim(folder, Grid(seeds=2, models=("gcn",)))
+
+
+def test_settings_reach_every_run_and_belong_to_the_grid(tmp_path):
+    changed = Grid(seeds=1, settings=("ppo.epochs=2", "task.tolerance=0.04"))
+    for job in changed.jobs():
+        assert (job.config.ppo.epochs, job.config.task.tolerance) == (2, 0.04)
+    claim(tmp_path, changed)
+    assert read_grid(tmp_path) == changed
+    with pytest.raises(InputError, match="another grid: settings"):
+        claim(tmp_path, Grid(seeds=1))
+
+
+def test_a_grid_of_before_there_were_settings_is_one_without(tmp_path):
+    claim(tmp_path, Grid(seeds=2))
+    content = json.loads((tmp_path / "grid.json").read_text())
+    del content["grid"]["settings"]
+    (tmp_path / "grid.json").write_text(json.dumps(content))
+    assert read_grid(tmp_path) == Grid(seeds=2)
 
 
 def test_a_study_can_be_given_more_seeds_and_keeps_what_it_has(tmp_path):
