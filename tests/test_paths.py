@@ -68,7 +68,7 @@ def test_what_is_written_by_a_path_of_either_kind_is_read_by_one(kind, tmp_path)
     write_replay([moves], at("swim.html"))
     write_video([moves], at("swim.gif"), Film(64, 64, 5.0, 4.0))
     chains_picture([moves], at("swim.png"))
-    write_report(Report("title", [], []), kind(tmp_path))
+    write_report(Report("title", "verdict", [], []), kind(tmp_path))
     assert len(list(tmp_path.iterdir())) == 9
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
-from salpchain.files import read_json
+from salpchain.files import StrPath, read_json
 
 ADVICE = "choose another folder, or add --overwrite (in Python: overwrite=True)"
 
@@ -24,7 +24,7 @@ def settings(
     }
 
 
-def check_kept(folder: Path, name: str, identity: str, asked: dict[str, Any]) -> None:
+def check_kept(folder: StrPath, name: str, identity: str, asked: dict[str, Any]) -> None:
     """Raise InputError if the folder holds results of another controller or of other trials.
 
     Args:
@@ -33,7 +33,7 @@ def check_kept(folder: Path, name: str, identity: str, asked: dict[str, Any]) ->
         identity: the controller's.
         asked: the settings of the evaluation that would be written.
     """
-    path = folder / SUMMARY_FILE
+    path = Path(folder) / SUMMARY_FILE
     if not path.exists():
         return
     content = read_kept(path)
@@ -49,7 +49,7 @@ def check_kept(folder: Path, name: str, identity: str, asked: dict[str, Any]) ->
             )
 
 
-def read_kept(path: Path) -> dict[str, Any]:
+def read_kept(path: StrPath) -> dict[str, Any]:
     """The summary in a file.
 
     Raises:

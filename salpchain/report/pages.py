@@ -3,7 +3,7 @@
 import base64
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -37,7 +37,7 @@ class Report:
     about: Sequence[str]  # paragraphs
     claims: Sequence[Claim]
     tables: Sequence[Table] = ()
-    figures: dict[str, Path] = field(default_factory=dict)  # PNG by caption
+    figures: Mapping[str, StrPath] = field(default_factory=dict)  # PNG by caption
 
 
 def write_report(report: Report, folder: StrPath) -> list[Path]:
@@ -64,7 +64,7 @@ def markdown(report: Report) -> str:
     """The page as Markdown."""
     parts = [f"# {report.title}", f"**{report.verdict}**", *report.about]
     for caption, path in report.figures.items():
-        parts += [f"![{_summary(caption)}]({path.name})", f"*{caption}*"]
+        parts += [f"![{_summary(caption)}]({Path(path).name})", f"*{caption}*"]
     for table in (_claims_table(report.claims), *report.tables):
         parts += [f"## {table.title}", _markdown_table(table), table.note]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -83,7 +83,7 @@ def page(report: Report) -> str:
     """The page as HTML, its figures inside."""
     parts = [f"<h1>{_text(report.title)}</h1>", f'<p class="verdict">{_text(report.verdict)}</p>']
     parts += [f"<p>{_text(text)}</p>" for text in report.about]
-    parts += [_html_figure(caption, path) for caption, path in report.figures.items()]
+    parts += [_html_figure(caption, Path(path)) for caption, path in report.figures.items()]
     claims = _claims_table(report.claims)
     for table in (claims, *report.tables):
         parts += [f"<h2>{_text(table.title)}</h2>", _html_table(table, words=table is claims)]
