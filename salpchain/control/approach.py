@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.control.greedy import as_action
 from salpchain.control.policy import PolicyCard
+from salpchain.domain.checks import check_state
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import State
 from salpchain.physics.chain import heading, wrap
@@ -61,7 +62,12 @@ class Approach(eqx.Module):
         return PolicyCard(name="approach", observation=self.observation, action=self.action)
 
     def act(self, state: State) -> Float[Array, "unit act"]:
-        """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too."""
+        """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too.
+
+        Raises:
+            InputError: a batch of states.
+        """
+        check_state(state, "act")
         units, present = state.chain.units, state.chain.present
         ahead = heading(units.angle) * present[:, None]
         chain, target = pose(units.position, present), pose(state.target, present)

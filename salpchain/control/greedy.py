@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.control.policy import PolicyCard
+from salpchain.domain.checks import check_state
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.domain.scld import State
 from salpchain.physics.chain import heading
@@ -29,7 +30,12 @@ class Greedy(eqx.Module):
         return PolicyCard(name="greedy", observation=self.observation, action=self.action)
 
     def act(self, state: State) -> Float[Array, "unit act"]:
-        """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too."""
+        """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too.
+
+        Raises:
+            InputError: a batch of states.
+        """
+        check_state(state, "act")
         units = state.chain.units
         ahead = heading(units.angle)
         error = jnp.sum((state.target - units.position) * ahead, axis=-1)

@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from salpchain.control.actor_critic import ActorCritic
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
 from salpchain.control.graph import Graph, of_adjacency
+from salpchain.domain.checks import check_state
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
@@ -126,16 +127,19 @@ class Policy(eqx.Module):
         A graph is one of `salpchain.control.graph`, or an (n, n) array of bool: who hears whom.
 
         Raises:
-            InputError: a state with another observation than the policy's; a graph that is none, of
-                another size than the chain, or for a policy that has none.
+            InputError: a batch of states; a state with another observation than the policy's, or of
+                a length that it cannot steer; a graph that is none, of another size than the chain,
+                or for a policy that has none.
         """
         check_not_forked()
+        check_state(state, "act")
         if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
             raise InputError(
                 f"{self.card.name} observes {self.card.observation}, the state has"
                 f" {state.obs.shape[-1]} numbers for each unit: make it with card.task(length)"
             )
         chain = state.chain
+        self.card.check_serves(state.obs.shape[0])
         own = None if graph is None else self._graph(graph, slots=chain.present.shape[0])
         return self.network.act(state.obs, chain.present, chain.joined, own)
 

@@ -13,6 +13,13 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from salpchain.domain.checks import (
+    check_key,
+    check_number,
+    check_start,
+    check_state,
+    checked_action,
+)
 from salpchain.domain.config import (
     ACTION_SIZES,
     FIXED_LIMIT,
@@ -44,8 +51,9 @@ class State(eqx.Module):
     obs: Float[Array, "unit feature"]
     reward: Float[Array, ""]  # weighted sum of the terms
     terms: Terms
-    terminated: Bool[Array, ""]  # goal reached, or at the fence: nothing follows
+    terminated: Bool[Array, ""]  # goal reached, at the fence, or invalid: nothing follows
     truncated: Bool[Array, ""]  # out of time: the episode would have gone on
+    invalid: Bool[Array, ""]  # the last action held NaN or infinity: the chain was stopped
     key: PRNGKeyArray  # of the next episode
 
     @property
@@ -92,11 +100,17 @@ class SCLD(eqx.Module):
         """A new episode: the chain straight and at rest, every joint closed, a random target.
 
         A `length` below `config.length` leaves the last slots dead; it may be traced.
+
+        Raises:
+            InputError: no random key, or more than one; a length that is no whole number or has no
+                room.
         """
         check_not_forked()
-        draw_key, next_key = jr.split(key)
         slots = self.config.length
         length = slots if length is None else length
+        check_key(key)
+        check_number(length, slots)
+        draw_key, next_key = jr.split(key)
         chance = draw(draw_key)
         chain = spawn(chance, slots, length)
         target = target_pose(chance, slots, length)
@@ -113,7 +127,12 @@ class SCLD(eqx.Module):
         return where(is_stalled, stalled(how, chain, target, length), chain)
 
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
-        """A new episode from a chain and a target of one's own."""
+        """A new episode from a chain and a target of one's own.
+
+        Raises:
+            InputError: a chain or a target with other slots than `config.length`.
+        """
+        check_start(chain, target, self.config.length)
         check_not_forked()
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
@@ -131,18 +150,32 @@ class SCLD(eqx.Module):
             terms=Terms(zero, zero, zero),
             terminated=no,
             truncated=no,
+            invalid=no,
             key=key,
         )
 
     def step(self, state: State, action: Float[Array, "unit act"]) -> State:
-        """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart."""
+        """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart.
+
+        An action that holds NaN or infinity for a unit that is present ends the episode: it is
+        terminated and marked `invalid`, is not at the goal, and the chain stops where it was.
+
+        Raises:
+            InputError: a batch of states, or an action of another shape than (unit, act).
+        """
         check_not_forked()
-        thrust = self.thrust(state.chain, action)
+        check_state(state, "step")
+        shape = (self.config.length, self.action_size)
+        action = checked_action(action, shape, state.chain.units.angle)
+        invalid = jnp.any(~jnp.isfinite(action) & state.chain.present[:, None])
+        held = _held(state.chain, invalid)
+        thrust = self.thrust(held, action)
         force = thrust[:, None] * heading(state.chain.units.angle)
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None
-        chain = step(state.chain, thrust, self.physics, fence, self.config.contact)
+        moved = step(held, thrust, self.physics, fence, self.config.contact)
+        chain = _with_present(moved, state.chain.present)
         now = distances(chain, state.target)
-        goal = reached(chain, state.target, self.config.tolerance)
+        goal = reached(chain, state.target, self.config.tolerance) & ~invalid
         terms = reward_terms(state.distances, now, goal)
         time = state.time + 1
         return State(
@@ -156,8 +189,9 @@ class SCLD(eqx.Module):
             obs=self.observe(chain, state.target, force),
             reward=terms.approach + terms.goal + self.config.fine_weight * terms.fine,
             terms=terms,
-            terminated=goal | _at_fence(chain, fence),
+            terminated=goal | invalid | _at_fence(chain, fence),
             truncated=time >= self.step_limit(state.length),
+            invalid=invalid,
             key=state.key,
         )
 
@@ -182,6 +216,18 @@ class SCLD(eqx.Module):
         if self.config.time_limit == "fixed":
             return FIXED_LIMIT
         return jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)
+
+
+def _held(chain: Chain, invalid: Bool[Array, ""]) -> Chain:
+    """The chain; if invalid as one of dead slots, which physics neither moves nor lets go NaN.
+
+    A choice between the chains before and after would make XLA round valid ones otherwise.
+    """
+    return _with_present(chain, chain.present & ~invalid)
+
+
+def _with_present(chain: Chain, present: Bool[Array, " unit"]) -> Chain:
+    return eqx.tree_at(lambda c: c.present, chain, present)
 
 
 def _at_fence(chain: Chain, fence: Any) -> Bool[Array, ""]:

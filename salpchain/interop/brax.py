@@ -49,7 +49,8 @@ class SalpBraxEnv(base.Env):
     def step(self, state: base.State, action: Float[Array, " act"]) -> base.State:
         """The episode one control step (0.1 s) later.
 
-        Compiled code cannot refuse NaN: it stays in that chain.
+        Compiled code cannot refuse NaN: it ends that chain's episode, and the metric `invalid` is
+        1.
 
         Raises:
             InputError: an action of another shape.
@@ -94,6 +95,7 @@ def _in_brax(state: State) -> base.State:
             "distance": state.distances.mean,
             "closed_fraction": state.closed_fraction,
             "goal": state.goal.astype(number),
+            "invalid": state.invalid.astype(number),
         },
     )
 
