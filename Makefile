@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 OUT ?= demo
+NAME ?= here
 
 .PHONY: demo test lint bench clean
 
@@ -19,7 +20,7 @@ test: $(VENV)/.tested $(VENV)/.browser
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 bench: $(VENV)/.tested
-	$(BIN)/python -m benchmarks.run
+	$(BIN)/python -m benchmarks.run --name $(NAME) $(if $(OVERWRITE),--overwrite)
 
 clean:
 	rm -rf $(VENV)

@@ -1,6 +1,6 @@
 """What the bridges cost, beside the bare compiled step; the record goes to results/.
 
-python -m benchmarks.interop [--name NAME] [--policy RUN]
+python -m benchmarks.interop [--name NAME] [--overwrite] [--policy RUN]
 
 The vector environment of Gymnasium and the bare compiled step (the whole environment with
 auto-reset, called from Python with NumPy actions, its observations and rewards waited for) take
@@ -22,13 +22,13 @@ import jax
 import jax.random as jr
 import numpy as np
 
-from benchmarks.run import RESULTS, machine
+from benchmarks.run import add_options, begun
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load
 from salpchain.domain.config import FIXED_LIMIT, TaskConfig
-from salpchain.files import read_json, write_json
+from salpchain.files import write_json
 from salpchain.interop.batch import programs
 
 ENVS, UNITS = 1024, 8
@@ -132,13 +132,11 @@ def fresh(model: str, graph: str) -> Policy:
 def main() -> None:
     """Measures, prints and adds to the record."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--name", default="cpu", help="name of the record in results/")
+    add_options(parser)
     parser.add_argument("--policy", default="", help="a run folder or policy file to export too")
     options = parser.parse_args()
-    path = RESULTS / f"interop-{options.name}.json"
-    record = read_json(path) if path.exists() else {}
-    record["machine"] = machine()
-    record["packages"] = record.get("packages", {}) | {name: version(name) for name in PACKAGES}
+    path, record = begun("interop", options, policy=options.policy)
+    record["packages"] = {name: version(name) for name in PACKAGES}
     record["gymnasium"] = gymnasium_share()
     record["vmas"] = vmas_speed()
     policies = [fresh(m, g) for m in ("gcn", "gatv2", "gt") for g in ("mixed", "full")]

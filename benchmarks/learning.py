@@ -1,6 +1,6 @@
 """Speed of learning: whole training iterations, and graph layers beside a plain MLP.
 
-python -m benchmarks.learning [--name NAME]
+python -m benchmarks.learning [--name NAME] [--overwrite]
 
 Iterations of both presets as the trainer runs them, on all devices, compilation apart. Passes of
 the graph models on `mixed` and of an MLP with as many multiplications, in turn, on one device; the
@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 
-from benchmarks.run import RESULTS, machine
+from benchmarks.run import add_options, begun
 from salpchain.control.actor_critic import GraphActorCritic, actor_critic
 from salpchain.control.config import ControlConfig
 from salpchain.control.layers import Head, Linear, head
@@ -64,7 +64,7 @@ def trainings(devices: int) -> Iterator[dict[str, Any]]:
             for model in ("mlp", *GRAPH_MODELS):
                 config = choose(preset, model=model, graph=_graph(model), length=length)
                 rate = iterations(config, devices)
-                row = {"preset": preset, "run": config.name, "steps_per_second": rate}
+                row = {"preset": preset, "run": config.policy_name, "steps_per_second": rate}
                 if preset == "paper":
                     row["ratio_to_original"] = rate / ORIGINAL
                 yield row
@@ -130,11 +130,11 @@ def _seconds(work: Callable, *given: Any) -> float:
 def main() -> None:
     """Runs all comparisons, prints and writes them."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--name", default="cpu", help="name of the record in results/")
+    add_options(parser)
     options = parser.parse_args()
     devices = use_devices()
-    path = RESULTS / f"learning-{options.name}.json"
-    record = {"machine": machine(), "devices": devices, "passes": [], "trainings": []}
+    path, record = begun("learning", options)
+    record |= {"devices": devices, "passes": [], "trainings": []}
     for kind, row in rows(devices):
         print(json.dumps(row), flush=True)
         record[kind].append(row)

@@ -27,7 +27,7 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from benchmarks.run import RESULTS, machine
+from benchmarks.run import add_options, begun
 from salpchain.control.actor_critic import actor_critic
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
@@ -277,13 +277,14 @@ def main() -> None:
     """Measures and writes the record."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=0.0)
-    parser.add_argument("--name", default="live-cpu")
+    add_options(parser)
     asked = parser.parse_args()
+    path_of_record, results = begun("live", asked, minutes=asked.minutes)
     with tempfile.TemporaryDirectory() as folder:
         path, card = Path(folder) / "policy.safetensors", PolicyCard(name="fresh")
         save_policy(Policy(actor_critic(jr.key(0), card.control, 22, 1, 8), card), path)
-        results = {"machine": machine(), "drawing": drawing(), **_live(path, asked.minutes)}
-    write_json(RESULTS / f"{asked.name}.json", results)
+        results |= {"drawing": drawing(), **_live(path, asked.minutes)}
+    write_json(path_of_record, results)
     print(json.dumps({k: v for k, v in results.items() if k != "machine"}, indent=2))
 
 

@@ -1,6 +1,6 @@
 """Speed against VMAS on the same machine, side by side in one run; the record goes to results/.
 
-python -m benchmarks.run [--quick] [--ours] [--name NAME]
+python -m benchmarks.run [--quick] [--ours] [--name NAME] [--overwrite]
 
 With --ours VMAS is left out, for machines without it; nothing is then a ratio.
 """
@@ -8,6 +8,7 @@ With --ours VMAS is left out, for machines without it; nothing is then a ratio.
 import argparse
 import json
 import platform
+import sys
 from collections.abc import Iterator
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
@@ -17,10 +18,12 @@ from typing import Any
 import jax
 
 from salpchain.devices import device_name, use_devices
+from salpchain.errors import InputError
 from salpchain.evaluation.speed import Speed, best, measure, ratio
-from salpchain.files import write_json
+from salpchain.files import read_json, write_json
 from salpchain.machine import cores, processor
 
+HERE = "here"  # records of this name are of this machine, and not kept in the repository
 RESULTS = Path(__file__).parent / "results"
 LENGTHS = (8, 16, 32, 64, 128)
 LISTS = ("best_batch", "contact")  # parts that have several rows
@@ -38,6 +41,39 @@ def machine() -> dict[str, Any]:
         "versions": {name: _version(name) for name in names},
         "date": date.today().isoformat(),
     }
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options that all benchmarks have: where the record goes."""
+    parser.add_argument("--name", default=HERE, help=f"name of the record (default: {HERE})")
+    parser.add_argument("--overwrite", action="store_true", help="replace any record of this name")
+
+
+def begun(kind: str, options: argparse.Namespace, **settings: Any) -> tuple[Path, dict[str, Any]]:
+    """Where the record goes, and what it begins with; ends the program where one is kept there.
+
+    A record of the same machine and settings is replaced; another one only with --overwrite.
+    """
+    path = RESULTS / f"{kind}-{options.name}.json"
+    record = {"machine": machine(), "settings": settings}
+    if path.exists() and not options.overwrite:
+        try:
+            content = read_json(path)
+        except InputError:
+            content = None
+        if not isinstance(content, dict) or _whose(content) != _whose(record):
+            print(
+                f"{path} is the record of another machine or of other settings: choose another"
+                " --name, or add --overwrite",
+                file=sys.stderr,
+            )
+            sys.exit(2)
+    return path, record
+
+
+def _whose(record: dict[str, Any]) -> tuple[Any, ...]:
+    about = record.get("machine", {})
+    return record.get("settings"), *(about.get(key) for key in ("cpu", "cores", "device"))
 
 
 def _version(name: str) -> str:
@@ -122,11 +158,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="8 and 64 units only")
     parser.add_argument("--ours", action="store_true", help="without VMAS")
-    parser.add_argument("--name", default="cpu", help="name of the record in results/")
+    add_options(parser)
     options = parser.parse_args()
     devices, vmas = use_devices(), not options.ours
-    record: dict[str, Any] = {"machine": machine(), "devices": devices}
-    path = RESULTS / f"speed-{options.name}.json"
+    path, record = begun("speed", options, quick=options.quick, ours=options.ours)
+    record["devices"] = devices
     for part, row in parts(devices, vmas, (8, 64) if options.quick else LENGTHS):
         print(f"{part}: {json.dumps(row)}", flush=True)
         record[part] = [*record.get(part, []), row] if part in LISTS else row

@@ -1,6 +1,6 @@
 """Training with the quick preset, seed by seed: time, success, and zero-shot closed fraction.
 
-python -m benchmarks.training [--seeds N] [--runs FOLDER] [--name NAME]
+python -m benchmarks.training [--seeds N] [--runs FOLDER] [--name NAME] [--overwrite]
 
 Each seed trains in a process of its own, as a user would; a run that is whole is not trained again.
 """
@@ -13,11 +13,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.run import RESULTS, machine
 from salpchain.control.storage import load
 from salpchain.devices import use_devices
 from salpchain.evaluation.evaluate import evaluate
-from salpchain.files import read_json
+from salpchain.files import read_json, write_json
 
 TEST_SEED = 1000  # of the starts that judge; training draws from another stream
 FRESH_EPISODES = 200
@@ -53,23 +52,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--runs", type=Path, default=Path("runs/benchmark"))
-    parser.add_argument("--name", default="cpu", help="name of the record in results/")
+    add_options(parser)
     options = parser.parse_args()
     use_devices()
+    path, record = begun("training", options, seeds=options.seeds)
     seeds = [one_seed(seed, options.runs / str(seed)) for seed in range(options.seeds)]
     medians = {
         length: statistics.median(seed["closed_fraction"][length] for seed in seeds)
         for length in LONGER
     }
-    record = {
-        "machine": machine(),
+    record |= {
         "episodes": {"8 units, fixed": FRESH_EPISODES, "longer, scaled": LONGER_TRIALS},
         "seeds": seeds,
         "median_closed_fraction": medians,
     }
     print(json.dumps(record, indent=2))
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / f"training-{options.name}.json").write_text(json.dumps(record, indent=2) + "\n")
+    write_json(path, record)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def order(grid: Grid) -> list[int]:
     jobs = grid.jobs()
 
     def place(number: int) -> tuple[int, int]:
-        name = jobs[number].config.name
+        name = jobs[number].config.policy_name
         return jobs[number].config.seed, FIRST.index(name) if name in FIRST else len(FIRST)
 
     return [*sorted(range(len(jobs)), key=place), len(jobs)]

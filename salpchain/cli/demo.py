@@ -5,15 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from salpchain.cli import train as train_command
-from salpchain.cli.options import Folder, Lengths, Whole, positive
+from salpchain.cli.options import Flag, Folder, Lengths, Whole, positive
+from salpchain.cli.outputs import check_new
 from salpchain.cli.settings import File, Sets
 from salpchain.cli.streams import say
-from salpchain.evaluation.config import parse_lengths
+from salpchain.evaluation.config import SUMMARY_FILE, parse_lengths
 from salpchain.files import make_writable, writing
 from salpchain.installation import program
 from salpchain.training import run_folder
 
 SWIM_LENGTHS = (4, 8, 16, 32, 64)
+PICTURES = ("learning.png", "learning.pdf", "zero-shot.png", "zero-shot.pdf", "chains.png")
 SHOWN_SEED = 20  # of the starts in the picture; not those of the test
 
 
@@ -40,6 +42,8 @@ class Demo:
     """Settings of the training from a file, as of salpchain train."""
     set: Sets = ()
     """Any setting of the training, as of salpchain train; may be given several times."""
+    overwrite: Flag = False
+    """Replace the evaluation and the pictures in --out, whatever they are of."""
 
 
 def run(options: Demo) -> int:
@@ -48,12 +52,15 @@ def run(options: Demo) -> int:
     lengths = parse_lengths(options.lengths)
     trials = positive("trials", options.trials)
     training = _training(options, folder / "run")
+    if not (options.overwrite or (folder / "run" / run_folder.CONFIG_FILE).exists()):
+        for name in (SUMMARY_FILE, *PICTURES):
+            check_new(folder / name)
     make_writable(folder)
     with writing(folder / "demo"):
         status = train_command.run(training)
         if status:
             return status
-        _test(folder, lengths, trials)
+        _test(folder, lengths, trials, options.overwrite)
         _draw(folder)
     return 0
 
@@ -73,7 +80,7 @@ def _training(options: Demo, run: Path) -> train_command.Train:
     return asked
 
 
-def _test(folder: Path, lengths: list[int], trials: int) -> None:
+def _test(folder: Path, lengths: list[int], trials: int, overwrite: bool) -> None:
     from rich.console import Console
 
     from salpchain.cli.display import share_display
@@ -84,7 +91,7 @@ def _test(folder: Path, lengths: list[int], trials: int) -> None:
     use_devices()
     policy = load(folder / "run")
     with share_display("testing") as watch:
-        summary = evaluate(policy, lengths, trials, "scaled", 0, folder, progress=watch)
+        summary = evaluate(policy, lengths, trials, out=folder, progress=watch, overwrite=overwrite)
     Console().print(table(summary))
 
 
@@ -96,7 +103,7 @@ def _draw(folder: Path) -> None:
     figures.learning_curves([folder / "run"], folder / "learning.png")
     figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
     policy = load(folder / "run")
-    swims = record(policy, SWIM_LENGTHS, "scaled", SHOWN_SEED)
+    swims = record(policy, SWIM_LENGTHS, seed=SHOWN_SEED)
     picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")
     say(f"next: steer it yourself with  {program()} live {shlex.quote(str(folder / 'run'))}")

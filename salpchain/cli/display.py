@@ -37,7 +37,8 @@ def training_display(config: TrainConfig) -> Iterator[Watch]:
         if now.compiling:
             other = len(changed(config))
             but = f" but for {other} setting{'s' * (other > 1)}" if other else ""
-            about = f"training {config.name}, preset {config.preset}{but}, seed {config.seed}"
+            preset = f"preset {config.preset}{but}"
+            about = f"training {config.policy_name}, {preset}, seed {config.seed}"
             console.print(f"{about}: compiling", highlight=False)
             if console.is_terminal:
                 bar.reset(task, completed=now.steps)

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Name, text_option
+from salpchain.cli.options import Flag, Name, text_option
+from salpchain.cli.outputs import write_new
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import writing
@@ -31,6 +32,8 @@ class Export:
     """onnx or torch."""
     out: Annotated[str, text_option("FILE")] = ""
     """The file. Default: the policy's name in the working folder."""
+    overwrite: Flag = False
+    """Replace the file if it exists and holds something else."""
 
 
 def run(options: Export) -> None:
@@ -49,7 +52,7 @@ def run(options: Export) -> None:
     if out.exists() and out.resolve() in _of(Path(options.policy)):
         raise InputError(f"--out {out} is the policy itself: choose another file")
     with writing(out):
-        export(policy, out, options.format)
+        write_new([out], options.overwrite, lambda path: export(policy, path, options.format))
     print(f"wrote {out} ({out.stat().st_size / 1e6:.2f} MB)")
 
 

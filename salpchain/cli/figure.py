@@ -1,12 +1,14 @@
 """`salpchain figure`."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import text_option
+from salpchain.cli.options import Flag, text_option
+from salpchain.cli.outputs import write_new
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import writing
@@ -31,6 +33,8 @@ class Figure:
     """Run folders (learning), or evaluations (zero-shot)."""
     out: Annotated[str, text_option("FILE.png")] = ""
     """The picture; the PDF is written beside it. Default: KIND.png in the working folder."""
+    overwrite: Flag = False
+    """Replace pictures that exist and show something else."""
 
 
 def run(options: Figure) -> None:
@@ -46,12 +50,14 @@ def run(options: Figure) -> None:
     from salpchain.report import figures
 
     paths = [Path(source) for source in options.sources]
-    with writing(out.with_suffix(".png")):  # and the PDF, which goes with it
-        if options.kind == "learning":
-            figures.learning_curves(paths, out)
-        else:
-            figures.zero_shot([evaluation_file(path) for path in paths], out)
-    print(f"wrote {out.with_suffix('.png')} and {out.with_suffix('.pdf')}")
+    if options.kind == "learning":
+        draw = partial(figures.learning_curves, paths)
+    else:
+        draw = partial(figures.zero_shot, [evaluation_file(path) for path in paths])
+    both = [out.with_suffix(suffix) for suffix in SUFFIXES]
+    with writing(both[0]):  # and the PDF, which goes with it
+        write_new(both, options.overwrite, draw)
+    print(f"wrote {both[0]} and {both[1]}")
 
 
 def evaluation_file(path: Path) -> Path:

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import number, text_option
+from salpchain.cli.outputs import check_new
 from salpchain.cli.streams import say
 from salpchain.control.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
+from salpchain.report.labels import labels
 
 if TYPE_CHECKING:
     from salpchain.evaluation.trajectory import Trajectory
@@ -57,14 +59,11 @@ def trajectories(
 
 
 def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]:
-    """The swims; by their sources' names where policies of one name come from several."""
-    sources: dict[str, set[str]] = {}
-    for source, swim in swims:
-        sources.setdefault(swim.policy, set()).add(source)
-    return [
-        replace(swim, policy=source) if len(sources[swim.policy]) > 1 else swim
-        for source, swim in swims
-    ]
+    """The swims; where policies of one name come from several sources, by the shortest paths."""
+    named = list(dict.fromkeys((source, swim.policy) for source, swim in swims))
+    told = labels([name for _, name in named], [Path(source) for source, _ in named])
+    called = dict(zip(named, told, strict=True))
+    return [replace(swim, policy=called[source, swim.policy]) for source, swim in swims]
 
 
 def say_if_too_short(swims: Sequence["Trajectory"]) -> None:
@@ -74,11 +73,12 @@ def say_if_too_short(swims: Sequence["Trajectory"]) -> None:
     say(too_short.of_swims(swims))
 
 
-def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:
+def check_out(out: str, suffixes: Sequence[str], command: str, overwrite: bool = True) -> Path:
     """The path of a file to be written.
 
     Raises:
-        InputError: none was given, it has another suffix, or its folder is missing.
+        InputError: none was given, it has another suffix, its folder is missing, or it exists and
+            is not to be overwritten.
     """
     if not out:
         raise InputError(f"salpchain {command} needs --out, a file that ends in {suffixes[0]}")
@@ -89,6 +89,8 @@ def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:
         raise InputError(f"no such folder for --out: {path.parent}")
     if path.is_dir():
         raise InputError(f"--out is a folder, not a file: {path}")
+    if not overwrite:
+        check_new(path)
     return path
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Lengths, Whole, text_option
+from salpchain.cli.options import Flag, Lengths, Whole, text_option
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
 from salpchain.files import writing
@@ -36,12 +36,14 @@ class Replay:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    overwrite: Flag = False
+    """Replace the file if it exists."""
 
 
 def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
-    out = check_out(options.out, (".html",), "replay")
+    out = check_out(options.out, (".html",), "replay", options.overwrite)
     asked = options.length, options.seed, options.trial, options.time_limit
     from salpchain.report.replay import write_replay
 

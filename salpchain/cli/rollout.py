@@ -1,12 +1,15 @@
 """`salpchain rollout`."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Whole, number, text_option
+from salpchain.cli.options import Flag, Whole, number, text_option
+from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
+from salpchain.control.named import load
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 from salpchain.files import writing
@@ -34,7 +37,9 @@ class Rollout:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     out: Annotated[str, text_option("FILE.npz")] = ""
-    """The file to write."""
+    """The file to write. One that holds another episode is kept, and this one refused."""
+    overwrite: Flag = False
+    """Replace the file whatever it holds."""
 
 
 def run(options: Rollout) -> None:
@@ -47,6 +52,8 @@ def run(options: Rollout) -> None:
     length = str(check_length(number("length", options.length)))
     asked = length, options.seed, options.trial, options.time_limit
     with writing(out):
+        if out.exists() and not options.overwrite:
+            _check_same(out, options)
         (swim,) = trajectories([options.policy], *asked)
         swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
@@ -54,3 +61,18 @@ def run(options: Rollout) -> None:
     print(f"{swim.policy}, {swim.length} units: {end} after {swim.duration:.1f} s, {closed}")
     say_if_too_short([swim])
     print(f"wrote {out}")
+
+
+def _check_same(out: Path, options: Rollout) -> None:
+    """Raise InputError unless the file holds the episode that is asked for."""
+    from salpchain.control.identity import identity
+    from salpchain.evaluation.trajectory import Trajectory
+
+    try:
+        kept = Trajectory.load(out)
+        has = kept.identity, kept.length, kept.seed, kept.trial, kept.time_limit
+    except InputError:
+        has = ()
+    numbers = [number(name, getattr(options, name)) for name in ("length", "seed", "trial")]
+    if has != (identity(load(options.policy)), *numbers, options.time_limit):
+        check_new(out)

@@ -19,6 +19,7 @@ from salpchain.training.settings import compose, typed
 # The setting of each option
 PATHS = {
     "preset": "preset",
+    "name": "name",
     "model": "control.model",
     "graph": "control.graph",
     "observation": "task.observation",
@@ -48,6 +49,9 @@ class Train:
 
     out: Folder = ""
     """Folder of the run; must be new or empty, or a run to --resume. Required."""
+    name: Name = ""
+    """What the policy is called in tables and figures. Default: by model, graph and lengths, such
+    as gcn-mixed-8."""
     preset: Name = ""
     """quick (ours: 95 % success in minutes; default) or paper (the paper's Table 2)."""
     model: Name = ""
@@ -139,7 +143,7 @@ def _asked(options: Train) -> dict[str, Any]:
     Raises:
         InputError: an option that cannot be read.
     """
-    names = ("preset", "model", "graph", "observation")
+    names = ("preset", "name", "model", "graph", "observation")
     return {
         **{name: getattr(options, name) or None for name in names},
         **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
@@ -199,6 +203,7 @@ def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
     weights = config.mix.weights or (1.0,) * len(config.lengths)
     values = {
         "preset": config.preset,
+        "name": config.policy_name,
         "model": config.control.model,
         "graph": config.control.graph,
         "observation": config.task.observation,

@@ -58,12 +58,14 @@ class Video:
     """Seconds of swimming in each second of video. Default: 2; 4 for a .gif."""
     rate: Decimal = ""
     """Frames in each second of video. Default: 30; 15 for a .gif."""
+    overwrite: Flag = False
+    """Replace the file if it exists."""
 
 
 def run(options: Video) -> None:
     """Swims where it must, draws, and says what was written."""
     sources = sources_of(options.source, options.compare, "video")
-    out = check_out(options.out, SUFFIXES, "video")
+    out = check_out(options.out, SUFFIXES, "video", options.overwrite)
     width, height = _size(options.size)
     from salpchain.report.video import with_defaults, write_video
 

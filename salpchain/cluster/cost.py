@@ -71,10 +71,10 @@ def plan(grid: Grid, jobs: int | None, left: Sequence[Job], baseline: bool) -> s
     at_once = jobs or jobs_that_fit()
     lines = []
     for config in grid.configurations():
-        job = next(j for j in grid.jobs() if j.config.name == config.name)
+        job = next(j for j in grid.jobs() if j.config.policy_name == config.policy_name)
         each = train_cost(job) + test_cost(grid, job)
         lines.append(
-            f"{config.name:<16} {grid.seeds} x {config.total_steps:>12,} steps"
+            f"{config.policy_name:<16} {grid.seeds} x {config.total_steps:>12,} steps"
             f" {_hours(each):>12} of one core each"
         )
     total = sum(train_cost(job) + test_cost(grid, job) for job in left)

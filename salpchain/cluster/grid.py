@@ -53,7 +53,7 @@ class Job:
     @property
     def name(self) -> str:
         """Of its folder: the configuration, then the seed."""
-        return f"{self.config.name}/seed-{self.config.seed}"
+        return f"{self.config.policy_name}/seed-{self.config.seed}"
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def _entry(folder: Path, job: Job) -> Entry:
     missing = untested(folder, job)
     return Entry(
         model=control.model,
-        graph="" if job.config.name.startswith("mlp") else control.graph,
+        graph="" if job.config.policy_name.startswith("mlp") else control.graph,
         length=task.length,
         seed=job.config.seed,
         log=_log(run / METRICS_FILE),
@@ -116,7 +116,7 @@ def _training(folder: Path, grid: Grid) -> Any:
         first = summary.get("reached_95_percent") or {}
         rows.append(
             {
-                "controller": job.config.name,
+                "controller": job.config.policy_name,
                 "length": job.config.task.length,
                 "seed": job.config.seed,
                 "steps": summary["steps"],

@@ -32,6 +32,9 @@ WRITTEN = {
 }
 
 
+LONGEST_NAME = 100  # characters (chosen; a file may be called so)
+
+
 def load(source: StrPath) -> "Controller":
     """The controller of this name, or the policy in this file or run folder.
 
@@ -57,6 +60,21 @@ def is_name(source: StrPath) -> bool:
 def names() -> list[str]:
     """Of all controllers that come with the package."""
     return [*released(), *WRITTEN]
+
+
+def check_name(name: str) -> None:
+    """Raise InputError unless a policy of a user's own may be called so."""
+    if not name.strip() or name != name.strip() or len(name) > LONGEST_NAME:
+        raise InputError(
+            f"name must have 1 to {LONGEST_NAME} characters, none of them a space at an end,"
+            f" got {name!r}"
+        )
+    if name[0] in ".-" or not name.isprintable() or set(name) & set("/\\"):
+        raise InputError(f"name must have no / and no \\ and not begin with . or -, got {name!r}")
+    if name in names():
+        raise InputError(
+            f"name {name!r} is that of a controller that comes with the package: choose another"
+        )
 
 
 def check_live(source: str) -> None:

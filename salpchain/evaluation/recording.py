@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
+from salpchain.control.identity import identity
 from salpchain.control.policy import Controller, act, begin
 from salpchain.domain.config import PLAYED_LIMIT, check_length, check_seed
 from salpchain.domain.scld import SCLD, State
@@ -57,7 +58,8 @@ def record(
     keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
     start = _begin(env, jnp.concatenate(keys), jnp.array(lengths))
     states, frames = _play_out(env, controller, start)
-    about = {"policy": controller.card.name, "seed": seed, "trial": trial}
+    name, whose = controller.card.name, identity(controller)
+    about = {"policy": name, "identity": whose, "seed": seed, "trial": trial}
     return [
         Trajectory(
             **about,

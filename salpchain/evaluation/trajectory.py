@@ -53,6 +53,7 @@ class Trajectory:
     thrust: np.ndarray  # (step, unit) N
     reward: np.ndarray  # (step,) the task's, unshaped
     target: np.ndarray  # (unit, 2) m
+    identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
 
     def __post_init__(self) -> None:
         check_length(self.length)
@@ -155,11 +156,14 @@ _SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "length": ("iu", int),
     "dt": ("f", float),
     "success": ("b", bool),
+    "identity": ("U", str),
 }
+_LATER = {"identity": np.asarray("")}  # fields that files of before lack
 
 
 def _plain(named: dict[str, np.ndarray], name: str, path: Path) -> Any:
     """A field as the record has it: arrays as they are, the others as plain values."""
+    named = _LATER | named
     if name not in named:
         raise InputError(f"{path} is not a whole trajectory: the field {name} is missing")
     array = named[name]

@@ -14,9 +14,12 @@ from matplotlib.figure import Figure
 
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_json
+from salpchain.report.labels import check_once, labels
 from salpchain.report.picture import chains_picture
 from salpchain.report.style import STYLE, legend_below, looks, percent_axes, save
 from salpchain.report.transfer import transfer_figure
+from salpchain.training.config import TrainConfig
+from salpchain.training.settings import flat
 
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
 
@@ -77,25 +80,40 @@ def _running_mean(log: pd.DataFrame, measure: str, window: int) -> pd.Series:
 
 
 def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
-    """The logs of the runs, those that differ only in their seed together, by a telling name."""
-    groups: dict[str, list[Path]] = {}
+    """The logs of the runs, those that differ only in their seed together, by a telling name.
+
+    Where a seed comes twice with the same settings, every run is a line of its own, by its folder.
+    """
+    check_once(runs)
+    alike: dict[str, list[tuple[Any, Path]]] = {}
     for run in runs:
         settings = _settings(run)
-        settings.pop("seed", None)
-        groups.setdefault(json.dumps(settings, sort_keys=True), []).append(run)
-    flat = [_flatten(json.loads(key)) for key in groups]
-    differ = [k for k in sorted(set().union(*flat)) if len({str(f.get(k)) for f in flat}) > 1]
-    names = [_name(settings, differ) for settings in flat]
-    logs = [[_read_log(run) for run in members] for members in groups.values()]
-    seeds = [f" ({len(members)} seeds)" if len(members) > 1 else "" for members in logs]
-    return {name + more: some for name, more, some in zip(names, seeds, logs, strict=True)}
+        seed = settings.pop("seed", None)
+        alike.setdefault(json.dumps(settings, sort_keys=True), []).append((seed, run))
+    values = {key: json.loads(key) for key in alike}
+    every = sorted(set().union(*values.values()))
+    differ = [k for k in every if len({str(v.get(k)) for v in values.values()}) > 1]
+    groups: list[tuple[str, list[Path]]] = []
+    for key, members in alike.items():
+        name, folders = _name(values[key], differ), [run for _, run in members]
+        seeds = len({str(seed) for seed, _ in members})
+        if seeds == len(members) > 1:
+            groups.append((f"{name} ({seeds} seeds)", folders))
+        else:
+            groups += [(name, [run]) for run in folders]
+    told = labels([name for name, _ in groups], [folders[0] for _, folders in groups])
+    return {
+        label: [_read_log(run) for run in folders]
+        for label, (_, folders) in zip(told, groups, strict=True)
+    }
 
 
 def _settings(run: Path) -> dict[str, Any]:
+    """Every setting of a run by its path; one that came later has its default."""
     content = read_json(run / "config.json")
     if not (isinstance(content, dict) and isinstance(content.get("config"), dict)):
         raise InputError(f"{run / 'config.json'} does not describe a run")
-    return dict(content["config"])
+    return {**flat(TrainConfig()), **_flatten(content["config"])}
 
 
 def _read_log(run: Path) -> pd.DataFrame:
@@ -119,12 +137,13 @@ def _flatten(values: dict[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def _name(settings: dict[str, Any], differ: Iterable[str]) -> str:
-    """Model, graph and length, and whatever else tells a group from the others."""
+    """The policy's own name, or model, graph and length, and what else tells a group apart."""
+    if settings["name"]:
+        return settings["name"]
     known = ("control.model", "control.graph", "task.length")
-    name = " ".join(str(settings[k]) for k in known[:2] if k in settings) or "run"
-    name += f", {settings[known[2]]} units" if known[2] in settings else ""
-    more = [f"{k.split('.')[-1]} {settings.get(k)}" for k in differ if k not in known]
-    return ", ".join([name, *more])
+    model, graph, length = (settings[k] for k in known)
+    more = [f"{k.split('.')[-1]} {settings.get(k)}" for k in differ if k not in (*known, "name")]
+    return ", ".join([f"{model} {graph}, {length} units", *more])
 
 
 def _draw_curve(panel: Axes, look: Any, name: str, curve: Curve) -> None:
@@ -156,9 +175,35 @@ def zero_shot(evaluations: Sequence[StrPath], out: StrPath) -> list[Path]:
     if not evaluations:
         raise InputError("zero-shot curves need at least one evaluation.json")
     summaries = [_read_evaluation(Path(path)) for path in evaluations]
-    names = [summary["policy"] for summary in summaries]
+    folders = [_folder_of(Path(path)) for path in evaluations]
+    check_once(folders)
+    names = _names_of(summaries, folders)
     with mpl.rc_context(STYLE):
         return save(transfer_figure(summaries, names), Path(out))
+
+
+def _names_of(summaries: Sequence[dict[str, Any]], folders: Sequence[Path]) -> list[str]:
+    """What the policies are called; those of one name by their folders.
+
+    A single policy under several time limits keeps its name: the figure names the limits.
+    """
+    names = [summary["policy"] for summary in summaries]
+    apart = list(names)
+    for place, summary in enumerate(summaries):
+        same = [other for other in summaries if other["policy"] == names[place]]
+        whose = {other.get("identity") for other in same}
+        limits = {other["time_limit"] for other in same}
+        if len(whose) == 1 and None not in whose and len(limits) == len(same):
+            apart[place] = f"{names[place]} {summary['time_limit']}"
+    told = labels(apart, folders)
+    return [
+        name if label == alone else label
+        for name, alone, label in zip(names, apart, told, strict=True)
+    ]
+
+
+def _folder_of(path: Path) -> Path:
+    return path.parent if path.name == "evaluation.json" else path
 
 
 def _read_evaluation(path: Path) -> dict[str, Any]:

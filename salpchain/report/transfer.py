@@ -73,9 +73,10 @@ class Contents:
             (name + self.limit_name(summary), look, summary["lengths"])
             for look, name, summary in zip(looks(), self.names, self.summaries, strict=False)
         ]
+        baseline = "greedy (baseline)" if "greedy" in self.names else "greedy"
         known += [
             (
-                f"greedy{self.limit_name(summary)}",
+                f"{baseline}{self.limit_name(summary)}",
                 (GREY, "p", dashes),
                 summary["baseline"]["lengths"],
             )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from salpchain.control.config import SINGLE_LENGTH, ControlConfig
+from salpchain.control.named import check_name
 from salpchain.domain.config import TaskConfig, check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 
@@ -114,8 +115,8 @@ class TrainConfig:
     """One training run, whole.
 
     Raises:
-        InputError: a number of steps or a seed that cannot be, or a controller of one length with
-            several lengths.
+        InputError: a number of steps, a seed or a name that cannot be, or a controller of one
+            length with several lengths.
     """
 
     task: TaskConfig = field(default_factory=TaskConfig)
@@ -126,6 +127,7 @@ class TrainConfig:
     steps: int = 1_500_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0
     evaluations: int = 0  # parts of the run, each with an evaluation at its end; 0: one
+    name: str = ""  # of the policy; none: by model, graph and lengths
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -134,6 +136,8 @@ class TrainConfig:
         if not 1 <= self.steps <= MOST_STEPS:
             raise InputError(f"steps must be positive, at most {MOST_STEPS:,}, got {self.steps}")
         check_seed(self.seed)
+        if self.name:
+            check_name(self.name)
         if len(self.lengths) > 1:
             self._check_many_lengths()
 
@@ -158,8 +162,10 @@ class TrainConfig:
         return self.mix.lengths or (self.task.length,)
 
     @property
-    def name(self) -> str:
-        """Of the policy: model, graph (where the model has one) and training lengths."""
+    def policy_name(self) -> str:
+        """What the policy is called: `name`, or model, graph (if it has one) and lengths."""
+        if self.name:
+            return self.name
         control, lengths = self.control, self.lengths
         graph = "" if control.model in SINGLE_LENGTH else f"-{control.graph}"
         shortest = f"{lengths[0]}to" if len(lengths) > 1 else ""

@@ -230,7 +230,7 @@ def _not_finite(iteration: int, metrics: Metrics, run: Path) -> NotFiniteError |
 
 def _policy(config: TrainConfig, learner: Learner) -> Policy:
     card = PolicyCard(
-        name=config.name,
+        name=config.policy_name,
         control=config.control,
         observation=config.task.observation,
         action=config.task.action,

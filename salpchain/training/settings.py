@@ -176,14 +176,14 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
 def changed(config: TrainConfig) -> list[str]:
     """The paths of all settings that are otherwise than in the config's preset.
 
-    What one chooses a variant of a preset by is not among them: model, graph, lengths, seed. None
-    of a config without a preset.
+    What one chooses a variant of a preset by is not among them: model, graph, lengths, seed, name.
+    None of a config without a preset.
     """
     if config.preset not in PRESETS:
         return []
     values = flat(config)
     base = flat(_base(values))
-    chosen = {"control.model", "control.graph", "task.length", "seed", *ONE_LENGTH}
+    chosen = {"control.model", "control.graph", "task.length", "seed", "name", *ONE_LENGTH}
     return [path for path in SETTINGS if path not in chosen and values[path] != base[path]]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import jax.random as jr
 import pytest
 
-from salpchain import identity, load
+from salpchain import Trajectory, identity, load
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, _report, settings
@@ -403,7 +403,7 @@ def test_a_swim_is_recorded_once_and_shown_three_ways(tmp_path, capsys):
     both = tmp_path / "both.html"
     assert run(["replay", str(npz), str(other), "--out", str(both)]) == 0
     for source in (npz, other):  # both are greedy's: files tell them apart
-        assert f'"policy": "{source}"' in both.read_text()
+        assert f'"policy": "{source.name}"' in both.read_text()
     npz.write_bytes(npz.read_bytes()[:1000])
     assert run(["replay", str(npz), "--out", str(tmp_path / "no.html")]) == 2
     assert "cut short" in capsys.readouterr().err
@@ -486,3 +486,85 @@ assert 'pickle' not in getattr(sys.modules['salpchain.files'], '__dict__')
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_file_that_exists_is_replaced_only_when_that_was_asked(twins, tmp_path, capsys):
+    one, other = map(str, twins)
+    rollout = ["rollout", one, "--length", "2", "--out", str(tmp_path / "swim.npz")]
+    assert run(rollout) == 0
+    swim = (tmp_path / "swim.npz").read_bytes()
+    assert run(rollout) == 0  # the same again
+    for words in (
+        ["rollout", other, *rollout[2:]],
+        [*rollout, "--seed", "1"],
+        [*rollout, "--time-limit", "fixed"],
+    ):
+        capsys.readouterr()
+        assert run(words) == 2
+        said = capsys.readouterr()
+        assert said.out == "" and "swim.npz exists: choose another --out, or add --o" in said.err
+        assert (tmp_path / "swim.npz").read_bytes() == swim
+    assert run(["rollout", other, *rollout[2:], "--overwrite"]) == 0
+    assert Trajectory.load(tmp_path / "swim.npz").identity == identity(load(other))
+    for words in (
+        ["video", str(tmp_path / "swim.npz"), "--size", "64x64", "--speed", "50"],
+        ["replay", str(tmp_path / "swim.npz")],
+    ):
+        out = tmp_path / f"mine.{'gif' if words[0] == 'video' else 'html'}"
+        out.write_text("precious")
+        assert run([*words, "--out", str(out)]) == 2 and out.read_text() == "precious"
+        assert run([*words, "--out", str(out), "--overwrite"]) == 0
+        assert out.stat().st_size > 1000
+
+
+def test_a_figure_that_would_show_something_else_is_kept(tmp_path, capsys):
+    for trials in ("2", "3"):
+        words = ["evaluate", "greedy", "--lengths", "2", "--trials", trials]
+        assert run([*words, "--out", str(tmp_path / trials)]) == 0
+    draw = ["figure", "zero-shot", "--out", str(tmp_path / "x.png")]
+    assert run([*draw, str(tmp_path / "2")]) == 0
+    drawn = {path: path.read_bytes() for path in tmp_path.glob("x.*")}
+    assert run([*draw, str(tmp_path / "2")]) == 0
+    assert run([*draw, str(tmp_path / "3")]) == 2
+    assert "x.png exists: choose another --out" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.glob("x.*")} == drawn
+    (tmp_path / "x.pdf").unlink()
+    assert run([*draw, str(tmp_path / "2")]) == 0 and (tmp_path / "x.pdf").exists()
+    assert run([*draw, str(tmp_path / "3"), "--overwrite"]) == 0
+    assert (tmp_path / "x.png").read_bytes() != drawn[tmp_path / "x.png"]
+
+
+def test_an_export_of_another_policy_is_kept(twins, tmp_path, capsys):
+    out = tmp_path / "policy.safetensors"
+    words = ["export", "--format", "torch", "--out", str(out)]
+    assert run([*words, str(twins[0])]) == 0
+    kept = out.read_bytes()
+    assert run([*words, str(twins[0])]) == 0
+    assert run([*words, str(twins[1])]) == 2 and out.read_bytes() == kept
+    assert "add --overwrite" in capsys.readouterr().err
+    assert run([*words, str(twins[1]), "--overwrite"]) == 0 and out.read_bytes() != kept
+
+
+def test_a_demo_replaces_no_picture_of_a_folder_that_is_not_its_own(tmp_path, capsys):
+    (tmp_path / "learning.png").write_text("precious")
+    assert run(["demo", "--out", str(tmp_path)]) == 2
+    assert "learning.png exists: choose another --out" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["learning.png"]
+
+
+@pytest.mark.parametrize("name", [" ", "a/b", "a\\b", "..", "-x", "any-length", "greedy", "a\nb"])
+def test_a_name_that_a_policy_cannot_have_is_refused(name, tmp_path, capsys):
+    assert run(["train", "--out", str(tmp_path / "new"), f"--name={name}"]) == 2
+    said = capsys.readouterr().err
+    assert "error: name" in said and said.count("\n") == 1 and not (tmp_path / "new").exists()
+
+
+def test_a_run_and_its_policy_have_the_name_that_was_given_and_resume_keeps_it(tmp_path, capsys):
+    config = settings(Train(out="new", name="eight"), tmp_path / "new")
+    assert config.policy_name == config.name == "eight" and choose("quick").name == ""
+    create(tmp_path / "run", config, 1, "cpu")
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["config"]["name"] == "eight"
+    words = ["train", "--resume", "--out", str(tmp_path / "run")]
+    assert run([*words, "--name", "nine"]) == 2
+    assert "--name is eight in the run, nine was given" in capsys.readouterr().err
+    assert settings(Train(name="eight", resume=True), tmp_path / "run") == config

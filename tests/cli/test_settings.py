@@ -54,6 +54,7 @@ VALUES = {
     "steps": ("3e4", 30_000, (), "0"),
     "seed": ("7", 7, (), "-7"),
     "evaluations": ("4", 4, (), "-1"),
+    "name": ("eight", "eight", (), "any-length"),
 }
 
 
@@ -210,7 +211,7 @@ def test_the_page_of_settings_lists_each_with_its_value_in_quick():
     rows = dict(re.findall(r"^\| `([\w.]+)` \| [\w ]+ \| (\S+) \| \S.+ \|$", page, re.MULTILINE))
     assert list(rows) == list(SETTINGS)
     for path, value in flat(salpchain.preset()).items():
-        shown = json.dumps(value) if not isinstance(value, str | float) else f"{value}"
+        shown = json.dumps(value) if not isinstance(value, str | float) else f"{value}" or '""'
         assert rows[path] in (shown, f"{value:.4f}" if isinstance(value, float) else shown)
 
 

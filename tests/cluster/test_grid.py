@@ -25,7 +25,7 @@ def test_every_configuration_has_its_first_seed_before_any_has_its_second():
 
 
 def test_the_mlp_is_in_the_grid_once_for_each_length():
-    names = [config.name for config in Grid(models=("mlp", "gcn")).configurations()]
+    names = [config.policy_name for config in Grid(models=("mlp", "gcn")).configurations()]
     assert names == [
         "mlp-8", "gcn-mixed-8", "gcn-full-8", "mlp-16", "gcn-mixed-16", "gcn-full-16",
     ]  # fmt: skip

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain import InputError, Trajectory, record
+from salpchain import InputError, Trajectory, identity, record
 from salpchain.control.greedy import Greedy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
@@ -142,3 +142,12 @@ def test_no_such_file(tmp_path):
 def test_the_file_is_a_plain_compressed_npz(saved):
     with zipfile.ZipFile(saved) as archive:
         assert all(entry.compress_type == zipfile.ZIP_DEFLATED for entry in archive.infolist())
+
+
+def test_a_recording_says_whose_it_is_and_files_of_before_are_read(episode, saved):
+    assert episode.identity == identity(Greedy())
+    altered(saved, identity=None)
+    assert Trajectory.load(saved).identity == ""
+    altered(saved, identity=np.array(3))
+    with pytest.raises(InputError, match="identity must be one value"):
+        Trajectory.load(saved)

@@ -177,3 +177,88 @@ def test_what_is_no_run_or_no_evaluation_is_refused(tmp_path):
             zero_shot([tmp_path / name], tmp_path / "x")
     with pytest.raises(InputError, match="no such file"):
         zero_shot([tmp_path / "missing.json"], tmp_path / "x")
+
+
+def drawn_curves(monkeypatch):
+    """The names of the learning curves, as they are drawn."""
+    drawn = []
+    draw = lambda panel, look, name, curve: drawn.append(name)  # noqa: E731
+    monkeypatch.setattr("salpchain.report.figures._draw_curve", draw)
+    return drawn
+
+
+def test_the_same_settings_and_seed_twice_are_two_lines_by_their_folders(tmp_path, monkeypatch):
+    drawn = drawn_curves(monkeypatch)
+    (tmp_path / "deep").mkdir()
+    runs = [make_run(tmp_path / "one", 0), make_run(tmp_path / "deep" / "two", 0)]
+    learning_curves(runs, tmp_path / "x")
+    assert drawn == ["one", "deep/two"] * 2
+    with pytest.raises(InputError, match="is given twice"):
+        learning_curves([*runs, runs[0]], tmp_path / "x")
+
+
+def test_a_run_with_a_name_of_its_own_is_drawn_by_it(tmp_path, monkeypatch):
+    drawn = drawn_curves(monkeypatch)
+    runs = [make_run(tmp_path / str(seed), seed) for seed in (0, 1, 2)]
+    for run in runs[:2]:
+        content = json.loads((run / "config.json").read_text())
+        content["config"]["name"] = "mine"
+        (run / "config.json").write_text(json.dumps(content))
+    learning_curves(runs, tmp_path / "x")
+    assert drawn[:2] == ["mine (2 seeds)", "gcn mixed, 8 units"]
+
+
+def test_a_setting_that_a_run_of_before_lacks_tells_nothing_apart(tmp_path, monkeypatch):
+    drawn = drawn_curves(monkeypatch)
+    runs = [make_run(tmp_path / str(seed), seed) for seed in (0, 1)]
+    content = json.loads((runs[1] / "config.json").read_text())
+    content["config"] |= {"evaluations": 0, "name": ""}
+    (runs[1] / "config.json").write_text(json.dumps(content))
+    learning_curves(runs, tmp_path / "x")
+    assert drawn[:1] == ["gcn mixed, 8 units (2 seeds)"]
+
+
+def legend_of(paths, tmp_path, monkeypatch):
+    figures = []
+    keep = lambda figure, out: figures.append(figure) or []  # noqa: E731
+    monkeypatch.setattr("salpchain.report.figures.save", keep)
+    zero_shot(paths, tmp_path / "x")
+    return [text.get_text() for text in figures[0].legends[0].get_texts()]
+
+
+def evaluations(tmp_path, *whose, policy="swimmer"):
+    """An evaluation in a folder of its own for each identity and time limit."""
+    for number, (identity, limit) in enumerate(whose):
+        folder = tmp_path / f"run-{number}" / "evaluation"
+        folder.mkdir(parents=True)
+        path = make_evaluation(folder / "evaluation.json", policy, limit)
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"identity": identity}))
+        yield folder
+
+
+def test_evaluations_of_one_name_are_told_apart_by_folders_and_none_is_dropped(
+    tmp_path, monkeypatch
+):
+    paths = list(evaluations(tmp_path, ("a", "fixed"), ("b", "fixed")))
+    assert {"run-0", "run-1"} <= set(legend_of(paths, tmp_path, monkeypatch))
+    with pytest.raises(InputError, match="is given twice"):
+        zero_shot([paths[0], paths[0] / "evaluation.json"], tmp_path / "x")
+
+
+@pytest.mark.parametrize(
+    ("whose", "told"),
+    [
+        ("aa", {"swimmer, 512 steps", "swimmer, scaled time"}),
+        ("ab", {"run-0, 512 steps", "run-1, scaled time"}),
+    ],
+)
+def test_a_policy_under_two_limits_keeps_its_name_but_two_policies_do_not(
+    whose, told, tmp_path, monkeypatch
+):
+    paths = evaluations(tmp_path, *zip(whose, ("fixed", "scaled"), strict=True))
+    assert told <= set(legend_of(list(paths), tmp_path, monkeypatch))
+
+
+def test_greedy_and_greedy_as_a_baseline_are_both_in_the_legend(tmp_path, monkeypatch):
+    paths = list(evaluations(tmp_path, ("a", "fixed"), policy="greedy"))
+    assert {"greedy", "greedy (baseline)"} <= set(legend_of(paths, tmp_path, monkeypatch))
