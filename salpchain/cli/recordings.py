@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import number, text_option
-from salpchain.cli.outputs import check_new
 from salpchain.cli.streams import say
 from salpchain.control.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
@@ -73,12 +72,11 @@ def say_if_too_short(swims: Sequence["Trajectory"]) -> None:
     say(too_short.of_swims(swims))
 
 
-def check_out(out: str, suffixes: Sequence[str], command: str, overwrite: bool = True) -> Path:
+def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:
     """The path of a file to be written.
 
     Raises:
-        InputError: none was given, it has another suffix, its folder is missing, or it exists and
-            is not to be overwritten.
+        InputError: none was given, it has another suffix, or its folder is missing.
     """
     if not out:
         raise InputError(f"salpchain {command} needs --out, a file that ends in {suffixes[0]}")
@@ -89,8 +87,6 @@ def check_out(out: str, suffixes: Sequence[str], command: str, overwrite: bool =
         raise InputError(f"no such folder for --out: {path.parent}")
     if path.is_dir():
         raise InputError(f"--out is a folder, not a file: {path}")
-    if not overwrite:
-        check_new(path)
     return path
 
 

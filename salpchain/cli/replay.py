@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Flag, Lengths, Whole, text_option
+from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
 from salpchain.files import writing
@@ -43,11 +44,13 @@ class Replay:
 def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
-    out = check_out(options.out, (".html",), "replay", options.overwrite)
+    out = check_out(options.out, (".html",), "replay")
     asked = options.length, options.seed, options.trial, options.time_limit
     from salpchain.report.replay import write_replay
 
     with writing(out):
+        if not options.overwrite:
+            check_new(out)
         swims = trajectories(sources, *asked)
         write_replay(swims, out)
     say_if_too_short(swims)

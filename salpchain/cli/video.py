@@ -6,6 +6,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Flag, Lengths, Whole, text_option
+from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import (
     Decimal,
     Limit,
@@ -65,7 +66,7 @@ class Video:
 def run(options: Video) -> None:
     """Swims where it must, draws, and says what was written."""
     sources = sources_of(options.source, options.compare, "video")
-    out = check_out(options.out, SUFFIXES, "video", options.overwrite)
+    out = check_out(options.out, SUFFIXES, "video")
     width, height = _size(options.size)
     from salpchain.report.video import with_defaults, write_video
 
@@ -75,6 +76,8 @@ def run(options: Video) -> None:
     from salpchain.cli.display import share_display
 
     with writing(out):
+        if not options.overwrite:
+            check_new(out)
         swims = trajectories(sources, lengths, options.seed, options.trial, options.time_limit)
         if options.compare:
             _check_same_episode(swims)

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from salpchain.errors import InputError
+from salpchain.files import StrPath
 
 
-def labels(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
+def labels(names: Sequence[str], folders: Sequence[StrPath]) -> list[str]:
     """The name of each, or, where several have one name, the shortest path that tells them apart.
 
     No two labels are alike unless two folders are.
@@ -26,9 +27,9 @@ def labels(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
     return [f" {label}" if label.startswith("_") else label for label in told]  # else not drawn
 
 
-def distinguishing(paths: Sequence[Path]) -> list[str]:
+def distinguishing(paths: Sequence[StrPath]) -> list[str]:
     """Each path without what all of them begin with, and without what all of them end in."""
-    parts = [path.absolute().parts for path in paths]
+    parts = [Path(path).absolute().parts for path in paths]
     first = _alike(parts)
     last = _alike([tuple(reversed(one[first:])) for one in parts])
     return [str(Path(*one[first : len(one) - last])) for one in parts]
@@ -41,10 +42,10 @@ def _alike(rows: Sequence[Sequence[str]]) -> int:
     return next((place for place, parts in enumerate(pairs) if len(set(parts)) > 1), len(pairs))
 
 
-def check_once(paths: Sequence[Path]) -> None:
+def check_once(paths: Sequence[StrPath]) -> None:
     """Raise InputError if two paths lead to the same place."""
     met: set[Path] = set()
-    for path in paths:
+    for path in map(Path, paths):
         if path.resolve() in met:
             raise InputError(f"{path} is given twice: leave one out")
         met.add(path.resolve())
