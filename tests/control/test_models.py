@@ -248,7 +248,7 @@ def test_the_task_of_a_policy_speaks_its_language_and_another_is_refused():
     card = PolicyCard(control=config, observation="proximity", action="pair", length=4)
     policy = Policy(actor_critic(jr.key(0), config, 24, 2, 4), card)
     task = card.task(5, folded=0.5)
-    assert task == TaskConfig(5, "proximity", "pair", folded=0.5)
+    assert task == TaskConfig(5, "proximity", "pair", "scaled", folded=0.5)
     assert policy.act(SCLD(task).reset(jr.key(0))).shape == (5, 2)
     with pytest.raises(InputError, match="observes proximity, the state has 22 numbers"):
         policy.act(SCLD(TaskConfig(5)).reset(jr.key(0)))
