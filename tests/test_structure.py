@@ -12,7 +12,7 @@ ROOMS = ["physics", "domain", "control", "evaluation", "training", "report", "in
 ROOMS += ["cluster", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"compilation_cache", "devices", "errors", "files", "installation", "machine", "trees"}
-GROUND |= {"forks", "xla"}
+GROUND |= {"forks", "switches", "xla"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
 OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}

@@ -18,6 +18,7 @@ from salpchain.domain.checks import check_state
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import State
 from salpchain.physics.chain import heading, wrap
+from salpchain.switches import standard_promotion
 
 TOP_SPEED = 0.2  # m/s, of a chain (DESIGN section 3)
 HOLD = 5.0  # N for each m/s, against drag
@@ -61,6 +62,7 @@ class Approach(eqx.Module):
         """Works at any length; was never trained."""
         return PolicyCard(name="approach", observation=self.observation, action=self.action)
 
+    @standard_promotion
     def act(self, state: State) -> Float[Array, "unit act"]:
         """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too.
 

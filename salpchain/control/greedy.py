@@ -9,6 +9,7 @@ from salpchain.domain.checks import check_state
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.domain.scld import State
 from salpchain.physics.chain import heading
+from salpchain.switches import standard_promotion
 
 PULL = 5.0  # N per metre of error along the heading
 DAMPING = 2.0  # N per m/s along the heading
@@ -29,6 +30,7 @@ class Greedy(eqx.Module):
         """Works at any length; was never trained."""
         return PolicyCard(name="greedy", observation=self.observation, action=self.action)
 
+    @standard_promotion
     def act(self, state: State) -> Float[Array, "unit act"]:
         """Numbers in [-1, 1] for each unit: the thrust, and for `pair` its opposite too.
 

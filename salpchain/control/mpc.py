@@ -21,6 +21,7 @@ from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State
 from salpchain.physics.chain import Chain, Physics, step
+from salpchain.switches import standard_promotion
 
 PLAN_STREAM = 2  # sets a planner's random numbers apart from those of the episode (chosen)
 AWAY = 0.5  # cost of each control step before the goal, beside the log distance (chosen)
@@ -80,11 +81,13 @@ class MPC(eqx.Module):
         """Control steps that a plan looks ahead."""
         return (self.knots - 1) * self.every
 
+    @standard_promotion
     def begin(self, state: State) -> Plan:
         """A plan before the first step: no thrust."""
         nothing = jnp.zeros((self.horizon, state.thrust.shape[0]))
         return Plan(nothing, jr.fold_in(state.key, PLAN_STREAM))
 
+    @standard_promotion
     def plan(self, state: State, plan: Plan) -> tuple[Float[Array, "unit act"], Plan]:
         """The first thrusts of the best plan found, and that plan one control step later."""
         next_key, *keys = jr.split(plan.key, self.rounds + 1)

@@ -22,6 +22,7 @@ from salpchain.domain.config import (
 from salpchain.domain.scld import State
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
+from salpchain.switches import standard_promotion
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ class Policy(eqx.Module):
     network: ActorCritic
     card: PolicyCard = eqx.field(static=True)
 
+    @standard_promotion
     def act(
         self, state: State, graph: Graph | ArrayLike | Sequence | None = None
     ) -> Float[Array, "unit act"]:

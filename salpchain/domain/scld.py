@@ -34,6 +34,7 @@ from salpchain.domain.reward import Distances, Terms, distances, reached, reward
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import redo, where
 from salpchain.physics.chain import Chain, Physics, heading, step
+from salpchain.switches import standard_promotion
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 
@@ -96,6 +97,7 @@ class SCLD(eqx.Module):
         """Numbers that a unit observes."""
         return OBSERVATION_SIZES[self.config.observation]
 
+    @standard_promotion
     def reset(self, key: PRNGKeyArray, length: int | Array | None = None) -> State:
         """A new episode: the chain straight and at rest, every joint closed, a random target.
 
@@ -126,6 +128,7 @@ class SCLD(eqx.Module):
         is_stalled = (share <= chance) & (chance < share + self.config.stalled)
         return where(is_stalled, stalled(how, chain, target, length), chain)
 
+    @standard_promotion
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
         """A new episode from a chain and a target of one's own.
 
@@ -154,6 +157,7 @@ class SCLD(eqx.Module):
             key=key,
         )
 
+    @standard_promotion
     def step(self, state: State, action: Float[Array, "unit act"]) -> State:
         """The episode one control step (0.1 s) later. Goes on after its end: resetting is apart.
 
@@ -195,6 +199,7 @@ class SCLD(eqx.Module):
             key=state.key,
         )
 
+    @standard_promotion
     def observe(self, chain: Chain, target: Array, force: Array) -> Float[Array, "unit feature"]:
         """What the units see."""
         return observe(self.config.observation, chain, target, force)
@@ -245,6 +250,7 @@ LENGTH_STREAM = 1  # sets the draw of an episode's length apart from that of its
 DrawLength = Callable[[PRNGKeyArray], Int[Array, ""]]
 
 
+@standard_promotion
 def renew_done(env: SCLD, states: State, draw_length: DrawLength | None = None) -> State:
     """A batch of states (batch first) with every finished episode replaced by a new one.
 

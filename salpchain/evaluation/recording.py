@@ -19,6 +19,7 @@ from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Bodies
+from salpchain.switches import own_mesh
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
 
@@ -32,6 +33,7 @@ class Frame(NamedTuple):
     reward: Float[Array, "*chain"]
 
 
+@own_mesh
 def record(
     controller: Controller,
     lengths: Sequence[int],

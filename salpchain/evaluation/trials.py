@@ -24,6 +24,7 @@ from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
 from salpchain.physics.chain import Physics
+from salpchain.switches import own_mesh
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
@@ -72,6 +73,7 @@ def run_trials(
     return at[time_limit]
 
 
+@own_mesh
 def run_limits(
     controllers: Sequence[Controller],
     length: int,

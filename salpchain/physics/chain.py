@@ -13,6 +13,7 @@ from salpchain.physics import crowd
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.engine import Load, Motion, Rig
 from salpchain.physics.joints import FORCES
+from salpchain.switches import standard_promotion
 
 Scalar = float | Float[Array, ""]  # traced or not
 
@@ -149,6 +150,7 @@ def wrap(angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     return jnp.mod(angle + pi, 2 * pi) - pi
 
 
+@standard_promotion
 def step(
     chain: Chain,
     thrust: Float[Array, " unit"],

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.domain.scld import SCLD
 from salpchain.files import StrPath, alone
+from salpchain.switches import own_mesh
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
@@ -27,6 +28,7 @@ SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 Watch = Callable[[Progress], None]
 
 
+@own_mesh
 def train(
     config: TrainConfig,
     run: StrPath,
@@ -63,6 +65,7 @@ def _create(config: TrainConfig, run: Path, devices: int | None) -> int:
     return devices
 
 
+@own_mesh
 def resume(
     run: StrPath, watch: Watch | None = None, save_every: float = SAVE_EVERY
 ) -> dict[str, Any]:
@@ -85,6 +88,7 @@ def resume(
         return _continue(sitting, [learner])[0]
 
 
+@own_mesh
 def train_together(
     configs: Sequence[TrainConfig],
     runs: Sequence[StrPath],
