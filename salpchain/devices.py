@@ -15,14 +15,14 @@ LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
 LOOP_BYTES = 10_000_000  # touched in one turn of a loop that becomes one function (chosen)
 
 
-def use_devices(count: int | None = None) -> int:
-    """Makes `count` devices ready and returns how many there are to be used.
+def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
+    """Makes `count` devices ready, `or_fewer`, and returns how many there are to be used.
 
     On a CPU each core becomes a device of its own (several times faster than one device with many
-    threads), and XLA is let compile the substep loop of the physics as one function, which it does
-    else only for loops over little memory (the environment is faster by a third). On a GPU matrix
-    products are taken in full float32. Must come before JAX's first computation; later, the
-    devices that are there are used as they are.
+    threads), and XLA is let compile the substep loop of the physics as one function, which it
+    otherwise does for loops over little memory alone (the environment is faster by a third). On a
+    GPU matrix products are taken in full float32. Must come before JAX's first computation; later,
+    the devices that are there are used as they are.
 
     Raises:
         InputError: fewer devices than asked for; or a process forked after JAX had started.
@@ -36,9 +36,9 @@ def use_devices(count: int | None = None) -> int:
     there = jax.local_device_count()
     if jax.default_backend() != "cpu":
         jax.config.update("jax_default_matmul_precision", "highest")
-    if count is not None and there < count:
-        raise InputError(f"the run shares its chains over {count} devices, here are only {there}")
-    return count or there
+    if count is not None and there < count and not or_fewer:
+        raise InputError(f"{count} devices were asked for, but only {there} are available")
+    return min(count or there, there)
 
 
 def largest_divisor(number: int, most: int) -> int:

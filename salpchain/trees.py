@@ -16,8 +16,10 @@ def to_arrays(tree: Any) -> Arrays:
     return {name: np.asarray(_plain(leaf)) for name, leaf in _named(tree)}
 
 
-def from_arrays(template: Any, arrays: Arrays, what: str) -> Any:
+def from_arrays(template: Any, arrays: Arrays, what: str, cast: bool = False) -> Any:
     """The template (arrays or their shapes) with the named arrays as leaves.
+
+    With `cast`, floating-point numbers of another precision are taken in the template's.
 
     Raises:
         InputError: an array is missing, left over, or of another shape or type.
@@ -27,7 +29,7 @@ def from_arrays(template: Any, arrays: Arrays, what: str) -> Any:
     odd = sorted(set(names) ^ set(arrays))
     if odd:
         raise InputError(f"{what} does not hold what it should: {odd[0]} is missing or left over")
-    leaves = [_restore(leaf, arrays[name], f"{name} in {what}") for name, leaf in named]
+    leaves = [_restore(leaf, arrays[name], f"{name} in {what}", cast) for name, leaf in named]
     return jax.tree.unflatten(jax.tree.structure(template), leaves)
 
 
@@ -44,8 +46,10 @@ def _plain(leaf: Any) -> Any:
     return jr.key_data(leaf) if _is_key(leaf) else leaf
 
 
-def _restore(leaf: Any, array: np.ndarray, name: str) -> Any:
+def _restore(leaf: Any, array: np.ndarray, name: str, cast: bool) -> Any:
     like = jax.eval_shape(_plain, leaf)
+    if cast and all(np.issubdtype(x.dtype, np.floating) for x in (array, like)):
+        array = array.astype(like.dtype)
     if array.shape != like.shape or array.dtype != like.dtype:
         raise InputError(
             f"{name} has shape {array.shape} and type {array.dtype}, expected {like.shape}"

@@ -40,6 +40,8 @@ def training_display(config: TrainConfig) -> Iterator[Watch]:
             preset = f"preset {config.preset}{but}"
             about = f"training {config.policy_name}, {preset}, seed {config.seed}"
             console.print(f"{about}: compiling", highlight=False)
+            if now.note:
+                console.print(now.note, highlight=False)
             if console.is_terminal:
                 bar.reset(task, completed=now.steps)
                 bar.start()

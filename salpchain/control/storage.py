@@ -28,7 +28,8 @@ POLICY_FILE = "policy.safetensors"
 def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
     """The policy as one file, atomically; with `half`, weights in half precision, rounded.
 
-    The header has the policy's card and its `identity`, which no other weights have.
+    The header has the policy's card, its `identity`, which no other weights have, and the type of
+    its numbers. A file is read into the precision that JAX works with there.
 
     Raises:
         OSError: the folder is missing or not writable, or the disk is full.
@@ -37,6 +38,7 @@ def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
     if half:
         arrays = {name: array.astype(np.float16) for name, array in arrays.items()}
     header = policy.card.as_dict() | {"identity": identity_of_weights(policy.card, arrays)}
+    header["floats"] = str(next(iter(arrays.values())).dtype)
     write_arrays(path, KIND, VERSION, header, arrays)
 
 
@@ -63,14 +65,8 @@ def load(source: StrPath) -> Policy:
             raise InputError(f"{source} is not a run folder with a policy: it has no {POLICY_FILE}")
     header, arrays = read_arrays(path, KIND, VERSION)
     card = _card(header, path)
-    arrays = {name: _whole(array) for name, array in arrays.items()}
-    network = from_arrays(network_shapes(card), arrays, str(path))
+    network = from_arrays(network_shapes(card), arrays, str(path), cast=True)
     return Policy(network, card)
-
-
-def _whole(array: np.ndarray) -> np.ndarray:
-    """In single precision, if it was saved in half."""
-    return array.astype(np.float32) if array.dtype == np.float16 else array
 
 
 def _meant() -> str:

@@ -41,6 +41,7 @@ class Progress:
     success: float | None = None  # of the latest whole cohorts; None: too early to tell
     closed_fraction: float | None = None
     seconds_left: float = 0.0
+    note: str = ""  # what else there is to say, once before compilation
 
 
 @dataclass

@@ -80,6 +80,12 @@ def describe(config: TrainConfig, devices: int, device: str) -> dict[str, Any]:
     }
 
 
+def change_devices(run: StrPath, devices: int, device: str) -> None:
+    """Notes in the settings of a run that it goes on over other devices."""
+    path = Path(run) / CONFIG_FILE
+    write_json(path, {**read_json(path), "devices": devices, "device": device})
+
+
 def _version(name: str) -> str:
     try:
         return version(name)

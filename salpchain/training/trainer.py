@@ -59,32 +59,63 @@ def train(
 
 
 def _create(config: TrainConfig, run: Path, devices: int | None) -> int:
-    divides = math.gcd(config.ppo.envs, config.ppo.minibatch)
-    devices = largest_divisor(divides, use_devices(devices))
+    devices = largest_divisor(_divides(config), use_devices(devices))
     run_folder.create(run, config, devices, device_name())
     return devices
 
 
+def _divides(config: TrainConfig) -> int:
+    """What the number of devices must divide."""
+    return math.gcd(config.ppo.envs, config.ppo.minibatch)
+
+
+def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> tuple[int, str]:
+    """Over how many devices a run goes on, and what there is to say of it; its settings say so.
+
+    Over those that are asked for, otherwise over as many as before or as there are.
+
+    Raises:
+        InputError: fewer devices than asked for.
+    """
+    there = use_devices(devices or before, or_fewer=devices is None)
+    number = largest_divisor(_divides(config), there)
+    if number == before:
+        return number, ""
+    run_folder.change_devices(run, number, device_name())
+    return number, (
+        f"goes on over {number} of {before} devices: as good, but no longer bit for bit"
+        " as if it had never stopped"
+        if number < before
+        else f"goes on over {number} devices instead of {before}: as good, but no longer bit for"
+        " bit as if it had never stopped"
+    )
+
+
 @own_mesh
 def resume(
-    run: StrPath, watch: Watch | None = None, save_every: float = SAVE_EVERY
+    run: StrPath,
+    watch: Watch | None = None,
+    save_every: float = SAVE_EVERY,
+    devices: int | None = None,
 ) -> dict[str, Any]:
     """Goes on from the last whole checkpoint of a run, as if it had never stopped.
 
-    A run that was killed before its first checkpoint starts again.
+    A run that was killed before its first checkpoint starts again. Over another number of devices,
+    given or because fewer are there now, it goes on too, but sums are taken in another order.
 
     Raises:
-        InputError: no run folder, a damaged checkpoint, or another process is at it.
+        InputError: no run folder, a damaged checkpoint, one written under other switches of JAX,
+            fewer devices than given, or another process is at it.
     """
     run = Path(run)
-    config, devices = run_folder.read_config(run)
-    use_devices(devices)
-    sitting = Sitting([config], [run], devices, watch, save_every)
+    config, before = run_folder.read_config(run)
     with alone(run):
+        devices, note = _go_on(run, config, before, devices)
+        sitting = Sitting([config], [run], devices, watch, save_every)
         learner = _saved_or_new(sitting.env, config, run)
         done = int(learner.iteration) * config.ppo.batch
         if done < config.total_steps:
-            sitting.tell(Progress(done, config.total_steps, compiling=True))
+            sitting.tell(Progress(done, config.total_steps, compiling=True, note=note))
         return _continue(sitting, [learner])[0]
 
 
@@ -113,8 +144,8 @@ def train_together(
             stack.enter_context(alone(run, patience))
             if not (run / run_folder.CONFIG_FILE).exists():
                 _create(config, run, devices)
-        _, devices = run_folder.read_config(runs[0])
-        use_devices(devices)
+        before = [run_folder.read_config(run)[1] for run in runs]
+        devices = min(_go_on(*each, devices)[0] for each in zip(runs, configs, before, strict=True))
         env = SCLD(configs[0].task)
         learners = [_saved_or_new(env, *both) for both in zip(configs, runs, strict=True)]
         come = [int(learner.iteration) for learner in learners]
