@@ -3,9 +3,11 @@
 python -m studies.recipe OUT [WORKERS]
 
 A queue for the background: start it with `nice -n 19`, stop it at any time, and the same command
-goes on. Each worker takes one core and the next run that is not done: first the runs that the
-paper's claims need most. What lies in OUT is a study as `salpchain reproduce` makes it,
-which draws its report at any time: `salpchain reproduce --preset paper --seeds 1 --out OUT`.
+goes on. (Linux shares cores by session first, whatever the niceness within it: a queue in a session
+of its own needs `echo 19 > /proc/PID/autogroup` too.) Each worker takes one core and the next run
+that is not done: first the runs that the paper's claims need most. What lies in OUT is a study as
+`salpchain reproduce` makes it, which draws its report at any time:
+`salpchain reproduce --preset paper --seeds 1 --out OUT`.
 """
 
 import os
