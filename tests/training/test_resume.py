@@ -131,7 +131,8 @@ def copy_of(undisturbed, tmp_path):
         (lambda b: b[:20], "cut short"),
         (lambda b: b"", "cut short"),
         (lambda b: b[:-5] + bytes([b[-5] ^ 1]) + b[-4:], "altered"),
-        (lambda b: b.replace(rb"\"version\": 1", rb"\"version\": 9"), "newer"),
+        (lambda b: b.replace(rb"\"version\": 2", rb"\"version\": 9"), "newer"),
+        (lambda b: b.replace(rb"\"version\": 2", rb"\"version\": 1"), "altered"),
     ],
 )
 def test_a_checkpoint_that_was_harmed_is_refused_and_kept(undisturbed, tmp_path, harm, word):
