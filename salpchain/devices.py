@@ -25,9 +25,12 @@ def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
     the devices that are there are used as they are.
 
     Raises:
-        InputError: fewer devices than asked for; or a process forked after JAX had started.
+        InputError: no such number of devices, fewer than asked for, or a process that was
+            forked after JAX had started.
     """
     check_not_forked()
+    if count is not None and (type(count) is not int or count < 1):
+        raise InputError(f"devices must be a whole number, 1 or more, got {count!r}")
     if LOOP_OPTION not in os.environ.get("XLA_FLAGS", ""):
         flag = f"--xla_backend_extra_options={LOOP_OPTION}={LOOP_BYTES}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()

@@ -16,12 +16,15 @@ from salpchain.errors import InputError
 from salpchain.files import StrPath, read_json
 from salpchain.report.labels import check_once, labels
 from salpchain.report.picture import chains_picture
-from salpchain.report.style import STYLE, legend_below, looks, percent_axes, save
+from salpchain.report.style import GREY, STYLE, legend_below, looks, percent_axes, save
 from salpchain.report.transfer import transfer_figure
 from salpchain.training.config import TrainConfig
 from salpchain.training.settings import flat
 
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
+
+
+TOO_EARLY = "too early to tell: no start cohort is whole"
 
 
 class Curve(NamedTuple):
@@ -36,8 +39,8 @@ def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> 
     """Success and closed fraction against chain-steps, as PNG and PDF; returns both paths.
 
     Runs whose settings differ in nothing but the seed are one line: the mean over seeds, with its
-    standard error as a band. Each run is first averaged over the episodes that ended in the last
-    `window` rollouts. `out` is the path of either file; its suffix does not matter.
+    standard error as a band. Each run is first averaged over the start cohorts that became whole
+    in the last `window` rollouts. `out` is the path of either file; its suffix does not matter.
 
     Raises:
         InputError: no runs, or a folder without `config.json` or `metrics.csv`.
@@ -51,6 +54,8 @@ def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> 
         for panel, measure in zip(panels, ("success", "closed_fraction"), strict=True):
             for look, (name, logs) in zip(looks(), groups.items(), strict=False):
                 _draw_curve(panel, look, name, over_seeds(logs, measure, window))
+            if not any(len(np.asarray(line.get_xdata())) for line in panel.get_lines()):
+                panel.text(0.5, 0.5, TOO_EARLY, transform=panel.transAxes, ha="center", color=GREY)
             panel.set_title(f"{measure.replace('_', ' ')} in training")
             panel.set_xlabel("million chain-steps")
             panel.set_xlim(left=0)

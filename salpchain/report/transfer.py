@@ -162,7 +162,9 @@ def _draw_bar(panel: Axes, one: Series, measure: str) -> None:
     """A bar with its interval, and the mean in words at its foot or, where it is low, above it."""
     lengths, mean, low, high = one.values(measure)
     at = lengths + one.shift
-    panel.bar(at, mean, width=0.8 * BAR, color=one.look[0], alpha=0.75, zorder=2)
+    panel.bar(
+        at, mean, width=0.8 * BAR, color=one.look[0], alpha=0.75, zorder=2, label=one.name
+    )  # fmt: skip
     panel.errorbar(at, mean, (mean - low, high - mean), color="black", fmt="none", zorder=3)
     for x, value, top in zip(at, mean, high, strict=True):
         words = f"{100 * value:.0f} %" if value < 0.995 or value == 1 else f"{100 * value:.1f} %"

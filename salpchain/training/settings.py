@@ -58,6 +58,8 @@ def checked(path: str, value: Any) -> Any:
     check_path(path)
     kind = SETTINGS[path]
     value = tuple(value) if isinstance(value, list) else value
+    if getattr(value, "shape", None) == ():  # a number of NumPy's or JAX's
+        value = value.item()
     if not is_kind(value, kind):
         raise InputError(f"{path} must be {KINDS[kind]}, got {value!r}")
     return float(value) if kind is float else value
@@ -86,6 +88,7 @@ def _value(kind: Any, text: str) -> Any:
         return float(text)
     if kind is str:
         return text
+    text = text.strip().removeprefix("[").removesuffix("]")  # as config.json writes lists
     if kind == tuple[int, ...]:
         return tuple(parse_lengths(text)) if text else ()
     return tuple(float(part) for part in text.split(",")) if text else ()

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.domain.scld import SCLD
-from salpchain.files import StrPath, alone
+from salpchain.files import StrPath, alone, read_json
 from salpchain.switches import own_mesh
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
@@ -77,7 +77,7 @@ def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> 
     Raises:
         InputError: fewer devices than asked for.
     """
-    there = use_devices(devices or before, or_fewer=devices is None)
+    there = use_devices(before if devices is None else devices, or_fewer=devices is None)
     number = largest_divisor(_divides(config), there)
     if number == before:
         return number, ""
@@ -100,7 +100,8 @@ def resume(
 ) -> dict[str, Any]:
     """Goes on from the last whole checkpoint of a run, as if it had never stopped.
 
-    A run that was killed before its first checkpoint starts again. Over another number of devices,
+    A finished run is left as it is, and its summary returned. A run that was killed before its
+    first checkpoint starts again. Over another number of devices,
     given or because fewer are there now, it goes on too, but sums are taken in another order.
 
     Raises:
@@ -109,6 +110,8 @@ def resume(
     """
     run = Path(run)
     config, before = run_folder.read_config(run)
+    if run_folder.is_finished(run):
+        return read_json(run / run_folder.SUMMARY_FILE)
     with alone(run):
         devices, note = _go_on(run, config, before, devices)
         sitting = Sitting([config], [run], devices, watch, save_every)

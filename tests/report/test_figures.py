@@ -262,3 +262,16 @@ def test_a_policy_under_two_limits_keeps_its_name_but_two_policies_do_not(
 def test_greedy_and_greedy_as_a_baseline_are_both_in_the_legend(tmp_path, monkeypatch):
     paths = list(evaluations(tmp_path, ("a", "fixed"), policy="greedy"))
     assert {"greedy", "greedy (baseline)"} <= set(legend_of(paths, tmp_path, monkeypatch))
+
+
+def test_a_learning_figure_before_any_cohort_is_whole_says_so(tmp_path, monkeypatch):
+    run = make_run(tmp_path / "short", 0)
+    rows = log(0).assign(episodes=0, success=np.nan, closed_fraction=np.nan)
+    rows.to_csv(run / "metrics.csv", index=False)
+    said = []
+    monkeypatch.setattr(
+        "salpchain.report.figures.save", lambda figure, out: said.append(figure) or []
+    )
+    learning_curves([run], tmp_path / "x.png")
+    words = [[text.get_text() for text in panel.texts] for panel in said[0].axes]
+    assert words == [["too early to tell: no start cohort is whole"]] * 2

@@ -108,6 +108,14 @@ def test_one_length_is_drawn_as_bars_with_their_numbers_and_as_points(tmp_path):
     assert all(np.isfinite(line.get_ydata()).all() for line in upper[0].get_lines())
 
 
+@pytest.mark.parametrize("mean", [0.3, 0.97])
+def test_bars_are_named_with_and_without_enlarged_panels(tmp_path, mean):
+    both = {"success": value(mean), "closed_fraction": value(mean)}
+    figure = drawn(tmp_path, (24,), ("one", "other"), **both)
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"one", "other"} <= set(named) and len(named) == len(set(named))
+
+
 @pytest.mark.parametrize("lengths", [(24,), (4, 8, 16)])
 def test_the_physical_limit_is_named_and_lies_above_all_else(tmp_path, lengths):
     figure = drawn(tmp_path, lengths, closed_fraction=value(0.99), reachable=value(0.97))

@@ -54,3 +54,22 @@ def test_a_run_of_more_devices_than_there_are_goes_on_and_says_so(run):
     assert told[0].note.startswith("goes on over ") and "64 devices" in told[0].note
     assert json.loads(path.read_text())["devices"] < 64
     assert (run / "summary.json").exists()
+
+
+def test_a_finished_run_is_left_as_it_is(run):
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    assert resume(run) == json.loads((run / "summary.json").read_text())
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("devices", [0, -1, "cpu", 1.5])
+def test_a_number_of_devices_that_cannot_be_is_refused(run, devices):
+    (run / "summary.json").unlink()
+    program = (
+        "import sys, salpchain\n"
+        "try:\n    salpchain.resume(sys.argv[1], devices=eval(sys.argv[2]))\n"
+        "except salpchain.InputError as error:\n    print(error)"
+    )
+    words = [sys.executable, "-c", program, str(run), repr(devices)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == f"devices must be a whole number, 1 or more, got {devices!r}"
