@@ -22,7 +22,7 @@ from salpchain.domain.config import (
 from salpchain.domain.scld import State
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
-from salpchain.switches import standard_promotion
+from salpchain.switches import refused_if_sharded, standard_promotion
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,8 @@ class Policy(eqx.Module):
         chain = state.chain
         self.card.check_serves(state.obs.shape[0])
         own = None if graph is None else self._graph(graph, slots=chain.present.shape[0])
-        return self.network.act(state.obs, chain.present, chain.joined, own)
+        with refused_if_sharded("act"):
+            return self.network.act(state.obs, chain.present, chain.joined, own)
 
     def _graph(self, graph: Graph | ArrayLike | Sequence, slots: int) -> Graph:
         """The graph, if it is one for this policy and this many slots."""

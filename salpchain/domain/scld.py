@@ -5,6 +5,7 @@ for one chain and batched with `jax.vmap`. Source: paper section 3.1; DESIGN sec
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -34,7 +35,7 @@ from salpchain.domain.reward import Distances, Terms, distances, reached, reward
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import redo, where
 from salpchain.physics.chain import Chain, Physics, heading, step
-from salpchain.switches import standard_promotion
+from salpchain.switches import automatic, standard_promotion
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 
@@ -258,6 +259,10 @@ def renew_done(env: SCLD, states: State, draw_length: DrawLength | None = None) 
     episodes, in small chunks; each has its own key, so no start comes twice. `draw_length` gives
     the number of units of a new episode; without it a chain keeps its length.
     """
+    return automatic(partial(_renewed, env, draw_length), (states,))
+
+
+def _renewed(env: SCLD, draw_length: DrawLength | None, states: State) -> State:
     batch = states.time.shape[0]
 
     def renew(chosen: Int[Array, " some"]) -> State:

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
+from salpchain.switches import automatic, standard_promotion
+
 
 def over_the_batch(
     core: Callable[..., Any], differentiable: Callable[..., Any] | None = None
@@ -26,9 +28,12 @@ def over_the_batch(
     have them; `core` itself if not given.
     """
 
+    # JAX calls them later, where the switches of whoever batches or differentiates hold.
+    plain, smooth = standard_promotion(core), standard_promotion(differentiable or core)
+
     @functools.wraps(core)
     def one(static: Any, *trees: Any) -> Any:
-        return _for_one(core, differentiable or core, static)(*trees)
+        return _for_one(plain, smooth, static)(*trees)
 
     return one
 
@@ -75,10 +80,13 @@ def _batched(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
 def _for_many(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
     """`core` for arrays whose batch axis is first; a further batch axis is merged with it."""
 
-    @custom_vmap
-    def many(*trees: Any) -> Any:
+    def first(*trees: Any) -> Any:
         last = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, trees)
         return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), core(static, *last))
+
+    @custom_vmap
+    def many(*trees: Any) -> Any:
+        return automatic(first, trees)
 
     @many.def_vmap
     def _(size: int, batched: Any, *trees: Any) -> Any:
