@@ -26,7 +26,8 @@ def once(tree: Any, never: jax.Array | bool) -> Any:
 @jax.custom_jvp
 def _once(tree: Any, never: jax.Array | bool) -> Any:
     def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
-        return jnp.zeros((), bool), jax.tree.map(lambda x: x + 1, carry[1])
+        other = jax.tree.map(lambda x: ~x if x.dtype == bool else x + 1, carry[1])
+        return jnp.zeros((), bool), other
 
     return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
 

@@ -33,9 +33,10 @@ from salpchain.domain.observation import observe
 from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.forks import check_not_forked
-from salpchain.physics.batching import redo, where
+from salpchain.physics.batching import over_the_batch, redo, where
 from salpchain.physics.chain import Chain, Physics, heading, step
 from salpchain.switches import automatic, standard_promotion
+from salpchain.xla import once
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 
@@ -172,8 +173,8 @@ class SCLD(eqx.Module):
         check_state(state, "step")
         shape = (self.config.length, self.action_size)
         action = checked_action(action, shape, state.chain.units.angle)
-        invalid = jnp.any(~jnp.isfinite(action) & state.chain.present[:, None])
-        held = _held(state.chain, invalid)
+        invalid, moving = _find_invalid(None, action, state.chain.present)
+        held = _with_present(state.chain, moving)
         thrust = self.thrust(held, action)
         force = thrust[:, None] * heading(state.chain.units.angle)
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None
@@ -224,12 +225,15 @@ class SCLD(eqx.Module):
         return jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)
 
 
-def _held(chain: Chain, invalid: Bool[Array, ""]) -> Chain:
-    """The chain; if invalid as one of dead slots, which physics neither moves nor lets go NaN.
+@over_the_batch
+def _find_invalid(_: None, action: Array, present: Array) -> tuple[Array, Array]:
+    """Whether the action holds NaN or infinity, and the units that move: all present or none.
 
-    A choice between the chains before and after would make XLA round valid ones otherwise.
+    To physics, the units of an invalid chain are dead slots: it neither moves them nor lets them be
+    NaN. A choice between the chains before and after would make XLA round valid ones otherwise.
     """
-    return _with_present(chain, chain.present & ~invalid)
+    invalid = jnp.any(~jnp.isfinite(action) & present[:, None], axis=(0, 1))
+    return once((invalid, present & ~invalid), present.sum() < 0)
 
 
 def _with_present(chain: Chain, present: Bool[Array, " unit"]) -> Chain:
