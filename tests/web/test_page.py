@@ -6,19 +6,7 @@ import numpy as np
 import pytest
 
 from salpchain.report.shapes import jet_size
-from tests.web.browser import live_server, open_browser, shoot, until, watched
-
-
-@pytest.fixture(scope="module")
-def server():
-    with live_server("greedy", "--seed", "4") as (address, _):
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with open_browser() as browser:
-        yield browser
+from tests.web.browser import live_server, shoot, until, watched
 
 
 @pytest.fixture

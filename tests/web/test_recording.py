@@ -4,20 +4,8 @@ import re
 
 import pytest
 
-from tests.web.browser import live_server, open_browser, player, shoot, until, watched
+from tests.web.browser import player, shoot, until, watched
 from tests.web.test_page import restart
-
-
-@pytest.fixture(scope="module")
-def server():
-    with live_server("greedy", "--seed", "4") as (address, _):
-        yield address
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with open_browser() as browser:
-        yield browser
 
 
 @pytest.fixture
