@@ -35,8 +35,9 @@ class Train:
     """Train one controller with PPO, on chains of one length or of many lengths at once.
 
     The run folder gets config.json (every setting), metrics.csv and TensorBoard scalars, a
-    checkpoint, policy.safetensors and summary.json. Stopped or killed, a run goes on with --resume,
-    bit for bit as if it had never stopped. On several lengths, quick also asks for a goal of 2 cm,
+    checkpoint, policy.safetensors, and from the evaluation that closes the run evaluations.csv and
+    summary.json. Stopped or killed, a run goes on with --resume, bit for bit as if it had never
+    stopped. On several lengths, quick also asks for a goal of 2 cm,
     starts some episodes folded, shows each unit who is near, has gcn count a unit's own features
     twice, and takes twice the steps.
 

@@ -83,11 +83,8 @@ def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> 
         return number, ""
     run_folder.change_devices(run, number, device_name())
     return number, (
-        f"goes on over {number} of {before} devices: as good, but no longer bit for bit"
-        " as if it had never stopped"
-        if number < before
-        else f"goes on over {number} devices instead of {before}: as good, but no longer bit for"
-        " bit as if it had never stopped"
+        f"goes on over {number} instead of {before} devices: as good, but no longer bit for bit as"
+        " if it had never stopped"
     )
 
 
@@ -101,8 +98,8 @@ def resume(
     """Goes on from the last whole checkpoint of a run, as if it had never stopped.
 
     A finished run is left as it is, and its summary returned. A run that was killed before its
-    first checkpoint starts again. Over another number of devices,
-    given or because fewer are there now, it goes on too, but sums are taken in another order.
+    first checkpoint starts again. Over another number of devices, given or because fewer are there
+    now, it goes on too, but sums are taken in another order.
 
     Raises:
         InputError: no run folder, a damaged checkpoint, one written under other switches of JAX,

@@ -92,10 +92,10 @@ def test_a_finished_run_is_left_as_it_is(run):
 def test_a_number_of_devices_that_cannot_be_is_refused(run, devices):
     (run / "summary.json").unlink()
     program = (
-        "import sys, salpchain\n"
-        "try:\n    salpchain.resume(sys.argv[1], devices=eval(sys.argv[2]))\n"
+        "import json, sys, salpchain\n"
+        "try:\n    salpchain.resume(sys.argv[1], devices=json.loads(sys.argv[2]))\n"
         "except salpchain.InputError as error:\n    print(error)"
     )
-    words = [sys.executable, "-c", program, str(run), repr(devices)]
+    words = [sys.executable, "-c", program, str(run), json.dumps(devices)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == f"devices must be a whole number, 1 or more, got {devices!r}"
