@@ -1,13 +1,28 @@
 """What every test has: two devices, and Ctrl-C that can be sent to the programs it starts."""
 
 import signal
+from pathlib import Path
 
 import jax
+import pytest
 
 # Sharing chains out over devices is part of what is tested.
 jax.config.update("jax_num_cpu_devices", 2)
 # Shells let what they start in the background ignore Ctrl-C, and so would all that tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Memory maps that a worker may hold before it forgets its programs: Linux allows 65,530.
+MOST_MAPS = 8000
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forget_programs():
+    """Forget compiled programs after a file: each holds memory maps, and XLA crashes without."""
+    yield
+    maps = Path("/proc/self/maps")
+    if not maps.exists() or len(maps.read_bytes().splitlines()) > MOST_MAPS:
+        jax.clear_caches()
+
 
 # Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
 LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
