@@ -11,9 +11,9 @@ from salpchain import forks as forks  # watches for forks from the first import 
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "Bodies": "salpchain.physics.chain",
-    "Chain": "salpchain.physics.chain",
-    "Physics": "salpchain.physics.chain",
+    "Bodies": "salpchain.physics.state",
+    "Chain": "salpchain.physics.state",
+    "Physics": "salpchain.physics.state",
     "SCLD": "salpchain.domain.scld",
     "State": "salpchain.domain.scld",
     "TaskConfig": "salpchain.domain.config",
@@ -61,9 +61,9 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.evaluation.evaluate import evaluate as evaluate
     from salpchain.evaluation.recording import record as record
     from salpchain.evaluation.trajectory import Trajectory as Trajectory
-    from salpchain.physics.chain import Bodies as Bodies
-    from salpchain.physics.chain import Chain as Chain
-    from salpchain.physics.chain import Physics as Physics
+    from salpchain.physics.state import Bodies as Bodies
+    from salpchain.physics.state import Chain as Chain
+    from salpchain.physics.state import Physics as Physics
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig

@@ -27,7 +27,7 @@ from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
-from salpchain.physics.chain import Physics, at_rest
+from salpchain.physics.state import Physics, at_rest
 from studies import add_part, claim, program
 
 LENGTHS = (4, 8, 16, 32)

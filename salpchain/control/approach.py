@@ -17,7 +17,7 @@ from salpchain.control.policy import PolicyCard
 from salpchain.domain.checks import check_state
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import State
-from salpchain.physics.chain import heading, wrap
+from salpchain.physics.state import heading, wrap
 from salpchain.switches import standard_promotion
 
 TOP_SPEED = 0.2  # m/s, of a chain (DESIGN section 3)

@@ -8,7 +8,7 @@ from salpchain.control.policy import PolicyCard
 from salpchain.domain.checks import check_state
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.domain.scld import State
-from salpchain.physics.chain import heading
+from salpchain.physics.state import heading
 from salpchain.switches import standard_promotion
 
 PULL = 5.0  # N per metre of error along the heading

@@ -20,7 +20,8 @@ from salpchain.control.policy import Controller, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State
-from salpchain.physics.chain import Chain, Physics, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Chain, Physics
 from salpchain.switches import standard_promotion
 
 PLAN_STREAM = 2  # sets a planner's random numbers apart from those of the episode (chosen)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from salpchain.control.policy import Controller, Planner
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
-from salpchain.physics.chain import Bodies, at_rest
+from salpchain.physics.state import Bodies, at_rest
 
 Poses = dict[str, np.ndarray]
 VECTORS = ("position", "velocity", "target", "force")

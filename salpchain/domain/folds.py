@@ -7,7 +7,7 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.domain.pose import LINK
-from salpchain.physics.chain import Chain, at_rest, wrap
+from salpchain.physics.state import Chain, at_rest, wrap
 
 # All chosen
 FOLD = 3.2  # rad, the most that a fold turns, over a few joints

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 
 from salpchain.domain.pose import LINK
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.chain import Chain, wrap
 from salpchain.physics.derivatives import compress, direction, root
+from salpchain.physics.state import Chain, wrap
 from salpchain.xla import once
 
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)

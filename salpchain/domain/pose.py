@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.physics.chain import Chain, at_rest
+from salpchain.physics.state import Chain, at_rest
 
 LINK = 0.07  # m, between neighbouring points (paper's world)
 SPAWN = 0.1  # m, the first unit starts with abs(x), abs(y) below this

@@ -6,8 +6,8 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.domain.frechet import within_frechet
-from salpchain.physics.chain import Chain
 from salpchain.physics.derivatives import root
+from salpchain.physics.state import Chain
 
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)
 

@@ -34,7 +34,8 @@ from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import over_the_batch, redo, where
-from salpchain.physics.chain import Chain, Physics, heading, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Chain, Physics, heading
 from salpchain.switches import automatic, standard_promotion
 from salpchain.xla import once
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from salpchain.control.policy import Controller, PolicyCard, act, begin
 from salpchain.domain.observation import observe
 from salpchain.domain.scld import State
-from salpchain.physics.chain import Bodies, Physics
+from salpchain.physics.state import Bodies, Physics
 
 
 class Noisy(eqx.Module):

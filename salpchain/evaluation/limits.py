@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from salpchain.physics.chain import Chain, Physics, Scalar
+from salpchain.physics.state import Chain, Physics, Scalar
 
 MOST_THRUST = 1.0  # N, of a unit (DESIGN section 2)
 

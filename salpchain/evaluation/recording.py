@@ -18,7 +18,7 @@ from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import where
-from salpchain.physics.chain import Bodies
+from salpchain.physics.state import Bodies
 from salpchain.switches import own_mesh
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)

@@ -8,7 +8,7 @@ from salpchain.domain.config import LONGEST, STEPS_PER_UNIT
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import SCLD, State
 from salpchain.evaluation.limits import fewest_steps, reachable, steps_to_turn
-from salpchain.physics.chain import Chain, wrap
+from salpchain.physics.state import Chain, wrap
 
 MOST_STEPS = STEPS_PER_UNIT * LONGEST  # control steps, of the longest chain's scaled limit
 

@@ -8,7 +8,7 @@ import numpy as np
 from salpchain.domain.config import STEPS_PER_UNIT, step_limit
 from salpchain.evaluation.limits import centroid_slack, distance_covered
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.physics.chain import Physics
+from salpchain.physics.state import Physics
 
 SHOWN = 0.9995  # a closed fraction of at least this is shown as 100.0 %
 

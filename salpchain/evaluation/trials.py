@@ -23,7 +23,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
 from salpchain.physics.batching import where
-from salpchain.physics.chain import Physics
+from salpchain.physics.state import Physics
 from salpchain.switches import own_mesh
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)

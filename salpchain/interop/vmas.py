@@ -22,7 +22,7 @@ from salpchain.interop.torch_task import (
     spawn,
     target_pose,
 )
-from salpchain.physics.chain import Physics
+from salpchain.physics.state import Physics
 
 need("torch", "vmas")
 need("vmas", "vmas")

@@ -1,4 +1,4 @@
-"""A chain of units and links: its state, its constants, and one control step of its dynamics."""
+"""One control step of a chain of units and links."""
 
 from functools import partial
 from typing import Any
@@ -6,148 +6,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
-from numpy import pi
+from jaxtyping import Array, Float
 
-from salpchain.physics import crowd
+from salpchain.physics import broadphase
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.engine import Load, Motion, Rig
-from salpchain.physics.joints import FORCES
+from salpchain.physics.state import Bodies, Chain, Physics
+from salpchain.physics.substeps import Load, Motion, Rig
 from salpchain.switches import standard_promotion
-
-Scalar = float | Float[Array, ""]  # traced or not
-
-
-class Bodies(eqx.Module):
-    """Rigid bodies in the plane."""
-
-    position: Float[Array, "body 2"]  # m, world
-    angle: Float[Array, " body"]  # rad, anticlockwise from +x, not wrapped
-    velocity: Float[Array, "body 2"]  # m/s, world
-    angular_velocity: Float[Array, " body"]  # rad/s
-
-
-class Chain(eqx.Module):
-    """n units, the n-1 links between them, and the masks that say which of them exist.
-
-    A link acts where `linked` is true and both its units are `present`. A masked slot exerts
-    nothing, feels nothing and stays where it is, so chains of many lengths, and chains that
-    split, are one compiled program.
-    """
-
-    units: Bodies
-    links: Bodies
-    rest_angle: Float[Array, "link 2"]  # rad, link angle minus the angle of its two units at rest
-    present: Bool[Array, " unit"]
-    linked: Bool[Array, " link"]
-    touching: Bool[Array, ""]  # whether some two units pushed each other in the last control step
-
-    @property
-    def joined(self) -> Bool[Array, "link *batch"]:
-        """Links that act: linked, with both units present."""
-        return self.linked & self.present[:-1] & self.present[1:]
-
-
-class Physics(eqx.Module):
-    """Constants of the dynamics; the defaults are the paper's world in VMAS 1.5.2.
-
-    Every field but the two last may be a traced scalar, so that constants can be randomised.
-
-    Raises:
-        ValueError: a constant that cannot be, named with its unit.
-    """
-
-    unit_length: Scalar = 0.04  # m, along the chain
-    unit_width: Scalar = 0.05  # m, across the chain
-    unit_mass: Scalar = 1.0  # kg
-    link_length: Scalar = 0.07  # m, between the centres of two units
-    link_mass: Scalar = 1.0  # kg
-    joint_stiffness: Scalar = 900.0  # N/m
-    angle_stiffness: Scalar = 0.1  # N m
-    contact_stiffness: Scalar = 1500.0  # N/m
-    contact_gap: Scalar = 4 / 600  # m, boxes closer than this repel (VMAS LINE_MIN_DIST)
-    softness: Scalar = 1e-3  # m, width of the soft onset of joint and contact (VMAS contact_margin)
-    drag: Scalar = 0.25  # share of every velocity lost at the start of a control step
-    control_step: Scalar = 0.1  # s
-    substeps: int = eqx.field(default=15, static=True)
-    joint_derivative: str = eqx.field(default="spring", static=True)  # or exact: see docs/gradients
-
-    def __check_init__(self) -> None:
-        for name, unit in _POSITIVE.items():
-            value = getattr(self, name)
-            if isinstance(value, int | float) and not value > 0:
-                raise ValueError(f"Physics.{name} must be positive ({unit}), got {value}")
-        if isinstance(self.drag, int | float) and not 0 <= self.drag < 1:
-            raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
-        if self.joint_derivative not in FORCES:
-            raise ValueError(
-                f"Physics.joint_derivative must be {' or '.join(FORCES)},"
-                f" got {self.joint_derivative!r}"
-            )
-
-    @property
-    def unit_inertia(self) -> Any:
-        """Moment of inertia of a box (kg m2); of many, where the constants are."""
-        size = self.unit_length**2 + self.unit_width**2
-        return self.unit_mass * size / 12
-
-    @property
-    def link_inertia(self) -> Any:
-        """Moment of inertia of a rod (kg m2); of many, where the constants are."""
-        return self.link_mass * self.link_length**2 / 12
-
-
-_POSITIVE = {
-    "unit_length": "m",
-    "unit_width": "m",
-    "unit_mass": "kg",
-    "link_length": "m",
-    "link_mass": "kg",
-    "joint_stiffness": "N/m",
-    "contact_stiffness": "N/m",
-    "softness": "m",
-    "control_step": "s",
-    "substeps": "count",
-}
-
-
-def at_rest(
-    position: Float[Array, "unit 2"],
-    angle: Float[Array, " unit"],
-    present: Bool[Array, " unit"] | None = None,
-    linked: Bool[Array, " link"] | None = None,
-) -> Chain:
-    """A motionless chain through these unit poses, every link between its two units' centres.
-
-    The angles that links and units have now become the rest angles. Joints are closed where
-    neighbours are one link length apart.
-    """
-    ahead = position[1:] - position[:-1]
-    link_angle = jnp.arctan2(ahead[:, 1], ahead[:, 0])
-    sides = jnp.stack([link_angle - angle[:-1], link_angle - angle[1:]], axis=-1)
-    ones = jnp.ones_like(angle, dtype=bool)
-    return Chain(
-        units=_still(position, angle),
-        links=_still((position[1:] + position[:-1]) / 2, link_angle),
-        rest_angle=sides,
-        present=ones if present is None else present,
-        linked=ones[1:] if linked is None else linked,
-        touching=jnp.zeros((), bool),
-    )
-
-
-def _still(position: Float[Array, "body 2"], angle: Float[Array, " body"]) -> Bodies:
-    return Bodies(position, angle, jnp.zeros_like(position), jnp.zeros_like(angle))
-
-
-def heading(angle: Float[Array, " unit"]) -> Float[Array, "unit 2"]:
-    """Unit vectors in which a positive thrust pushes: the unit's angle + 90 degrees."""
-    return jnp.stack([-jnp.sin(angle), jnp.cos(angle)], axis=-1)
-
-
-def wrap(angle: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-    """The same angle in [-pi, pi)."""
-    return jnp.mod(angle + pi, 2 * pi) - pi
 
 
 @standard_promotion
@@ -181,7 +46,7 @@ def _stepped(
 
 
 _step = over_the_batch(
-    partial(_stepped, crowd.advance), partial(_stepped, crowd.advance_differentiably)
+    partial(_stepped, broadphase.advance), partial(_stepped, broadphase.advance_differentiably)
 )
 
 

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from salpchain.physics.derivatives import root
-from salpchain.physics.engine import Load, Motion
 from salpchain.physics.joints import softplus
+from salpchain.physics.substeps import Load, Motion
 from salpchain.xla import once
 
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corners

@@ -16,7 +16,8 @@ from salpchain.control.policy import Controller
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State
-from salpchain.physics.chain import Bodies, Chain, Physics, heading, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Bodies, Chain, Physics, heading
 
 SLOTS = (64, 128)  # units of all chains together, of a compiled step (chosen)
 CHAINS = 6  # that swim at once (chosen)

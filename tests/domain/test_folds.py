@@ -8,7 +8,8 @@ import pytest
 
 from salpchain.domain.folds import folded, stalled
 from salpchain.domain.pose import LINK, draw, spawn, target_pose
-from salpchain.physics.chain import Physics, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics
 
 KEYS = jr.split(jr.key(0), 2000)
 

@@ -16,7 +16,8 @@ import pytest
 from salpchain.control.named import load
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.domain.scld import SCLD
-from salpchain.physics.chain import Physics, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics
 from tests.physics.poses import in_double_precision, lively, thrusts
 
 LENGTHS = (2, 7, 64)

@@ -10,7 +10,8 @@ from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation.handicaps import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
-from salpchain.physics.chain import Physics, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics
 
 ENV = SCLD(TaskConfig(length=4, contact=False))
 START = jax.jit(ENV.reset)(jr.key(0))

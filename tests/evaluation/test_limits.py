@@ -19,7 +19,8 @@ from salpchain.evaluation.limits import (
     steps_to_turn,
     top_speed,
 )
-from salpchain.physics.chain import Physics, at_rest, heading, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics, at_rest, heading
 from tests.physics.poses import LINK, along, bent
 
 PHYSICS = Physics()

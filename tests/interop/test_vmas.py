@@ -19,7 +19,7 @@ from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop import torch_task
 from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
-from salpchain.physics.chain import Bodies, Chain
+from salpchain.physics.state import Bodies, Chain
 
 torch.set_num_threads(1)  # the arrays are tiny: more threads only wait for each other
 

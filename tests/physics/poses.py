@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.physics.chain import Chain, at_rest
+from salpchain.physics.state import Chain, at_rest
 
 LINK = 0.07  # m, between the centres of two units
 UNIT_MASS = LINK_MASS = 1.0  # kg

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from salpchain.physics.batching import redo
-from salpchain.physics.chain import Physics, at_rest, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics, at_rest
 from tests.physics.poses import bent, largest_difference, lively, resting, thrusts
 
 step_one = jax.jit(step)

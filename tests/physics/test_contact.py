@@ -10,8 +10,9 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.physics import batching, contact, crowd
-from salpchain.physics.chain import Physics, at_rest, step
+from salpchain.physics import batching, broadphase, contact
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics, at_rest
 from tests.physics.poses import bent, largest_difference, resting
 
 GAP = 4 / 600  # m, VMAS's LINE_MIN_DIST: boxes closer than this repel
@@ -204,10 +205,10 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
     recompiling, num, batch, steps, seeds
 ):
     runs = [*map(violent_run(num, batch, steps), seeds)]
-    recompiling(crowd, "SLACK", 1e3)
-    recompiling(crowd, "STRAY", 1e3)
-    recompiling(crowd, "TURN_SLACK", 1e3)
-    recompiling(crowd, "_near_pairs", all_pairs)
+    recompiling(broadphase, "SLACK", 1e3)
+    recompiling(broadphase, "STRAY", 1e3)
+    recompiling(broadphase, "TURN_SLACK", 1e3)
+    recompiling(broadphase, "_near_pairs", all_pairs)
     looking, passing = step_each(), step_each(contact=False)
     touched = 0
     for before, pushes, after in runs:

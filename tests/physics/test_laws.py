@@ -15,7 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from salpchain.physics.chain import Bodies, Chain, Physics, at_rest, heading, step, wrap
+from salpchain.physics.chain import step
+from salpchain.physics.state import Bodies, Chain, Physics, at_rest, heading, wrap
 from tests.physics import poses
 from tests.physics.poses import (
     bent,

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain.physics.chain import Chain, at_rest, step
+from salpchain.physics.chain import step
+from salpchain.physics.state import Chain, at_rest
 from tests.physics.poses import largest_difference, lively, thrusts
 
 step_one, step_all = jax.jit(step), jax.jit(jax.vmap(step))

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain.physics.chain import Bodies, Chain
+from salpchain.physics.state import Bodies, Chain
 
 torch = pytest.importorskip("torch")
 torch.set_num_threads(1)  # VMAS's arrays are tiny here; more threads only wait for each other

@@ -13,7 +13,7 @@ from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
-from salpchain.physics.chain import at_rest
+from salpchain.physics.state import at_rest
 from salpchain.web import swimmer
 from salpchain.web.drawing import SHARPEST, nearer_way_round, random_target, resampled
 from salpchain.web.pool import CHAINS, Pool, slots_for

@@ -33,7 +33,7 @@ class Load(NamedTuple):
 class Rig(NamedTuple):
     """What stays the same during a control step."""
 
-    physics: Any  # chain.Physics, scalars or (batch,)
+    physics: Any  # state.Physics, scalars or (batch,)
     rest_angle: Float[Array, "link 2 batch"]
     present: Bool[Array, "unit batch"]
     joined: Bool[Array, "link batch"]

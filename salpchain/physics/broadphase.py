@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo, where
 from salpchain.physics.contact import Pairs, contact_load, touching_distance
-from salpchain.physics.engine import Load, Motion, Moved, Rig, run_substeps
+from salpchain.physics.substeps import Load, Motion, Moved, Rig, run_substeps
 
 # How much closer two units of a chain that nothing touches may come in one control step than on
 # straight ways at constant speed (chosen; 4 mm were seen, and a test compares with all pairs).
