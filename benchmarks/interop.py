@@ -23,13 +23,13 @@ import jax.random as jr
 import numpy as np
 
 from benchmarks.run import add_options, begun
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load
 from salpchain.domain.config import FIXED_LIMIT, TaskConfig
 from salpchain.files import write_json
 from salpchain.interop.batch import programs
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 
 ENVS, UNITS = 1024, 8
 STEPS, TURNS = 40, 9  # in a turn; turns

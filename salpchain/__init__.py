@@ -26,7 +26,7 @@ _PUBLIC = {
     "steering": "salpchain.control.steering",
     "identity": "salpchain.control.identity",
     "save_policy": "salpchain.control.storage",
-    "ControlConfig": "salpchain.control.config",
+    "ControlConfig": "salpchain.networks.config",
     "PPOConfig": "salpchain.training.config",
     "Mix": "salpchain.training.config",
     "TrainConfig": "salpchain.training.config",
@@ -45,7 +45,6 @@ __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 if TYPE_CHECKING:  # the same names, where editors and type checkers look for them
     from salpchain.compilation_cache import use_cache as use_cache
     from salpchain.control.approach import Approach as Approach
-    from salpchain.control.config import ControlConfig as ControlConfig
     from salpchain.control.greedy import Greedy as Greedy
     from salpchain.control.identity import identity as identity
     from salpchain.control.mpc import MPC as MPC
@@ -61,6 +60,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.evaluation.evaluate import evaluate as evaluate
     from salpchain.evaluation.recording import record as record
     from salpchain.evaluation.trajectory import Trajectory as Trajectory
+    from salpchain.networks.config import ControlConfig as ControlConfig
     from salpchain.physics.state import Bodies as Bodies
     from salpchain.physics.state import Chain as Chain
     from salpchain.physics.state import Physics as Physics

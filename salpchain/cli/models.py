@@ -7,11 +7,11 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Flag, Name, Whole, number, text_option
-from salpchain.control.config import MODELS
 from salpchain.control.named import WRITTEN
 from salpchain.control.released import model_card, released
 from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
 from salpchain.errors import InputError
+from salpchain.networks.config import MODELS
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def run(options: Models) -> None:
     length = check_length(number("length", options.length or "8"))
     observation = options.observation or "table1"
     one_of("observation", observation, OBSERVATION_SIZES)
-    from salpchain.control.count import num_parameters
+    from salpchain.networks.count import num_parameters
 
     inputs = OBSERVATION_SIZES[observation]
     counts = {model: num_parameters(model, inputs, length) for model in MODELS}

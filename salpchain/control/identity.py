@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Controller, Policy, PolicyCard
 from salpchain.files import Arrays
+from salpchain.networks.config import ControlConfig
 from salpchain.trees import to_arrays
 
 DIGITS = 16  # hexadecimal: no two of a million controllers share them by chance

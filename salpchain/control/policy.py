@@ -7,9 +7,6 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from salpchain.control.actor_critic import ActorCritic
-from salpchain.control.config import SINGLE_LENGTH, ControlConfig
-from salpchain.control.graph import Graph, of_adjacency
 from salpchain.domain.checks import check_state
 from salpchain.domain.config import (
     ACTION_SIZES,
@@ -22,6 +19,9 @@ from salpchain.domain.config import (
 from salpchain.domain.scld import State
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
+from salpchain.networks.actor_critic import ActorCritic
+from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
+from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.switches import refused_if_sharded, standard_promotion
 
 
@@ -126,7 +126,7 @@ class Policy(eqx.Module):
     ) -> Float[Array, "unit act"]:
         """Mean actions; on another graph than the policy's own if one is given.
 
-        A graph is one of `salpchain.control.graph`, or an (n, n) array of bool: who hears whom.
+        A graph is one of `salpchain.networks.graph`, or an (n, n) array of bool: who hears whom.
 
         Raises:
             InputError: a batch of states; a state with another observation than the policy's, or of

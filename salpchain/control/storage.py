@@ -8,8 +8,6 @@ import equinox as eqx
 import jax.random as jr
 import numpy as np
 
-from salpchain.control.actor_critic import ActorCritic, actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.identity import identity_of_weights
 from salpchain.control.named import WRITTEN
 from salpchain.control.policy import Policy, PolicyCard
@@ -18,6 +16,8 @@ from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.forks import check_not_forked
+from salpchain.networks.actor_critic import ActorCritic, actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"

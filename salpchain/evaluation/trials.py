@@ -14,7 +14,6 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.domain.config import GOAL_LIMIT, TaskConfig, check_length, check_seed, step_limit
@@ -22,6 +21,7 @@ from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
+from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
 from salpchain.physics.state import Physics
 from salpchain.switches import own_mesh

@@ -1,6 +1,6 @@
 """A policy as a plain PyTorch module, which needs no JAX to run.
 
-Meaning and names of the layers are those of `control/layers.py`. Files are safetensors: data only.
+Meaning and names of the layers are those of `networks/layers.py`. Files are safetensors: data only.
 """
 
 import json
@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.control.config import PAPER_DEPTH, REACH
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.interop.extras import need
+from salpchain.networks.config import PAPER_DEPTH, REACH
 
 need("torch", "torch")
 

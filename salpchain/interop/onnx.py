@@ -3,15 +3,15 @@
 from typing import Any
 
 from salpchain import __version__
-from salpchain.control.actor_critic import GraphActorCritic
-from salpchain.control.gt import GT
-from salpchain.control.layers import Layers
-from salpchain.control.mlp import MLP
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need
 from salpchain.interop.layout import metadata
+from salpchain.networks.actor_critic import GraphActorCritic
+from salpchain.networks.gt import GT
+from salpchain.networks.layers import Layers
+from salpchain.networks.mlp import MLP
 
 onnx = need("onnx", "onnx")
 

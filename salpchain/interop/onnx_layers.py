@@ -1,7 +1,7 @@
 """Our layers as ONNX operators, for a symbolic number of chains and units.
 
 Shapes are (chain, unit, ...). Only common operators are used, so that converters for small devices
-know them. Meaning and names are those of `control/layers.py` and `control/graph.py`.
+know them. Meaning and names are those of `networks/layers.py` and `networks/graph.py`.
 """
 
 from collections.abc import Sequence
@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.control.config import REACH
-from salpchain.control.layers import (
+from salpchain.interop.extras import need
+from salpchain.networks.config import REACH
+from salpchain.networks.layers import (
     GATv2Conv,
     GCNConv,
     Head,
@@ -18,7 +19,6 @@ from salpchain.control.layers import (
     Linear,
     TransformerConv,
 )
-from salpchain.interop.extras import need
 
 onnx = need("onnx", "onnx")
 

@@ -9,8 +9,8 @@ import jax.random as jr
 import optax
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, Shaped
 
-from salpchain.control.actor_critic import ActorCritic
 from salpchain.devices import AXIS, largest_divisor
+from salpchain.networks.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
 from salpchain.training.rollout import Outcome, Sample, log_probs

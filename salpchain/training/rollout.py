@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.control.actor_critic import ActorCritic
 from salpchain.devices import AXIS
 from salpchain.domain.reward import Terms, own_progress
 from salpchain.domain.scld import SCLD, DrawLength, State, renew_done
+from salpchain.networks.actor_critic import ActorCritic
 
 
 class Sample(eqx.Module):

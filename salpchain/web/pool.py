@@ -11,11 +11,11 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Float
 
-from salpchain.control.config import SINGLE_LENGTH
 from salpchain.control.policy import Controller
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State
+from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.chain import step
 from salpchain.physics.state import Bodies, Chain, Physics, heading
 

@@ -14,12 +14,12 @@ from salpchain import Trajectory, identity, load
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, _report, settings
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import save_policy
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.installation import install_command
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.training.config import Mix
 from salpchain.training.presets import QUICK_STEPS, QUICK_STEPS_OF, choose
 from salpchain.training.run_folder import create

@@ -8,10 +8,10 @@ import pytest
 
 from salpchain.cli.main import run
 from salpchain.control import released as module
-from salpchain.control.actor_critic import actor_critic
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
 
 CARD = {
     "about": "a small one", "command": "python -m studies.release tiny", "limits": "all",

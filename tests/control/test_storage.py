@@ -9,7 +9,6 @@ import pytest
 
 import salpchain
 from salpchain.cli.main import run
-from salpchain.control.actor_critic import actor_critic
 from salpchain.control.approach import Approach
 from salpchain.control.greedy import Greedy
 from salpchain.control.mpc import MPC
@@ -17,6 +16,7 @@ from salpchain.control.named import names
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@
 import equinox as eqx
 import jax.random as jr
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 
 
 def fresh(model="gcn", graph="mixed", observation="body", action="thrust", length=8, **settings):

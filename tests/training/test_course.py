@@ -9,12 +9,12 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.storage import load
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD, renew_done
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.course import advance, draw_length, new_course
 from salpchain.training.ppo import Lesson, loss

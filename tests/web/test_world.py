@@ -6,13 +6,13 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.greedy import Greedy
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.physics.state import at_rest
 from salpchain.web import swimmer
 from salpchain.web.drawing import SHARPEST, nearer_way_round, random_target, resampled

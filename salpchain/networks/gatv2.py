@@ -3,8 +3,8 @@
 import jax.random as jr
 from jaxtyping import PRNGKeyArray
 
-from salpchain.control.config import ControlConfig
-from salpchain.control.layers import WIDTH, Layers, gatv2_conv
+from salpchain.networks.config import ControlConfig
+from salpchain.networks.layers import WIDTH, Layers, gatv2_conv
 
 HEADS = 2  # of the first layer, in a row (paper Table 3)
 

@@ -7,10 +7,10 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import REACH, ControlConfig
-from salpchain.control.graph import full, mixed, near, of_adjacency
-from salpchain.control.layers import (
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import REACH, ControlConfig
+from salpchain.networks.graph import full, mixed, near, of_adjacency
+from salpchain.networks.layers import (
     Linear,
     gatv2_conv,
     gcn_conv,

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.control.layers import ACTOR_GAIN, WIDTH, Head, head
+from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, head
 
 
 class MLP(eqx.Module):

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.control.config import ControlConfig
-from salpchain.control.gatv2 import gatv2
-from salpchain.control.gcn import gcn
-from salpchain.control.graph import GRAPHS, Graph
-from salpchain.control.gt import gt
-from salpchain.control.layers import ACTOR_GAIN, WIDTH, Head, head
-from salpchain.control.mlp import mlp
+from salpchain.networks.config import ControlConfig
+from salpchain.networks.gatv2 import gatv2
+from salpchain.networks.gcn import gcn
+from salpchain.networks.graph import GRAPHS, Graph
+from salpchain.networks.gt import gt
+from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, head
+from salpchain.networks.mlp import mlp
 
 Observation = Float[Array, "unit inputs"]
 Present = Bool[Array, " unit"]  # which slots hold a unit

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.control.config import ControlConfig
-from salpchain.control.graph import Graph
-from salpchain.control.layers import (
+from salpchain.networks.config import ControlConfig
+from salpchain.networks.graph import Graph
+from salpchain.networks.layers import (
     WIDTH,
     LayerNorm,
     Linear,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.control.graph import Graph
+from salpchain.networks.graph import Graph
 from salpchain.xla import product, whole_gradient
 
 WIDTH = 128  # features of a hidden layer (paper Table 3)

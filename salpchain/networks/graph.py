@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
-from salpchain.control.config import REACH
 from salpchain.errors import InputError
+from salpchain.networks.config import REACH
 
 Heads = Float[Array, "unit *head feature"]
 Scores = Float[Array, "unit seen *head"]

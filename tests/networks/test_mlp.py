@@ -5,12 +5,12 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.control.storage import load, save_policy
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 
 CONFIG = ControlConfig(model="mlp")
 

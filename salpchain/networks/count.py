@@ -4,9 +4,9 @@ import equinox as eqx
 import jax
 import jax.random as jr
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import ControlConfig
 from salpchain.domain.config import ACTION_SIZES
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 
 
 def num_parameters(model: str, inputs: int, length: int) -> int:

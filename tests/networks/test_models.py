@@ -9,14 +9,14 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.actor_critic import actor_critic
-from salpchain.control.config import GRAPH_NAMES, ControlConfig
-from salpchain.control.count import num_parameters
-from salpchain.control.graph import full, hub, mixed, near, of_adjacency
 from salpchain.control.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import GRAPH_NAMES, ControlConfig
+from salpchain.networks.count import num_parameters
+from salpchain.networks.graph import full, hub, mixed, near, of_adjacency
 from salpchain.xla import flat_products
 
 
