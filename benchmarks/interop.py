@@ -23,8 +23,8 @@ import jax.random as jr
 import numpy as np
 
 from benchmarks.run import add_options, begun
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import load
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import load
 from salpchain.domain.config import FIXED_LIMIT, TaskConfig
 from salpchain.files import write_json
 from salpchain.interop.batch import programs

@@ -28,8 +28,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from benchmarks.run import add_options, begun
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import save_policy
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import save_policy
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.files import write_json
 from salpchain.networks.actor_critic import actor_critic

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import read_json, write_json

@@ -17,15 +17,15 @@ _PUBLIC = {
     "SCLD": "salpchain.domain.scld",
     "State": "salpchain.domain.scld",
     "TaskConfig": "salpchain.domain.config",
-    "Greedy": "salpchain.control.greedy",
-    "Approach": "salpchain.control.approach",
-    "MPC": "salpchain.control.mpc",
-    "Controller": "salpchain.control.policy",
-    "Policy": "salpchain.control.policy",
-    "load": "salpchain.control.named",
-    "steering": "salpchain.control.steering",
-    "identity": "salpchain.control.identity",
-    "save_policy": "salpchain.control.storage",
+    "Greedy": "salpchain.controllers.greedy",
+    "Approach": "salpchain.controllers.approach",
+    "MPC": "salpchain.controllers.mpc",
+    "Controller": "salpchain.controllers.policy",
+    "Policy": "salpchain.controllers.policy",
+    "load": "salpchain.controllers.named",
+    "steering": "salpchain.controllers.steering",
+    "identity": "salpchain.controllers.identity",
+    "save_policy": "salpchain.controllers.storage",
     "ControlConfig": "salpchain.networks.config",
     "PPOConfig": "salpchain.training.config",
     "Mix": "salpchain.training.config",
@@ -44,15 +44,15 @@ __all__ = list(_PUBLIC)  # pyright: ignore[reportUnsupportedDunderAll]
 
 if TYPE_CHECKING:  # the same names, where editors and type checkers look for them
     from salpchain.compilation_cache import use_cache as use_cache
-    from salpchain.control.approach import Approach as Approach
-    from salpchain.control.greedy import Greedy as Greedy
-    from salpchain.control.identity import identity as identity
-    from salpchain.control.mpc import MPC as MPC
-    from salpchain.control.named import load as load
-    from salpchain.control.policy import Controller as Controller
-    from salpchain.control.policy import Policy as Policy
-    from salpchain.control.steering import steering as steering
-    from salpchain.control.storage import save_policy as save_policy
+    from salpchain.controllers.approach import Approach as Approach
+    from salpchain.controllers.greedy import Greedy as Greedy
+    from salpchain.controllers.identity import identity as identity
+    from salpchain.controllers.mpc import MPC as MPC
+    from salpchain.controllers.named import load as load
+    from salpchain.controllers.policy import Controller as Controller
+    from salpchain.controllers.policy import Policy as Policy
+    from salpchain.controllers.steering import steering as steering
+    from salpchain.controllers.storage import save_policy as save_policy
     from salpchain.domain.config import TaskConfig as TaskConfig
     from salpchain.domain.scld import SCLD as SCLD
     from salpchain.domain.scld import State as State

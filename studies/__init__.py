@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import pandas as pd
 
-from salpchain.control.policy import Policy
+from salpchain.controllers.policy import Policy
 from salpchain.errors import InputError
 from salpchain.files import make_writable, read_json, write_json, write_text, writing
 from salpchain.training import run_folder

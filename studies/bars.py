@@ -15,7 +15,7 @@ import pandas as pd
 
 from salpchain.cluster.grid import Job, read_grid
 from salpchain.cluster.results import is_trained, run_of
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE

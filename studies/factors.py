@@ -22,7 +22,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import false_discovery_control, ttest_ind
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from salpchain.control.policy import Policy
-from salpchain.control.released import FOLDER
-from salpchain.control.storage import load, save_policy
+from salpchain.controllers.policy import Policy
+from salpchain.controllers.released import FOLDER
+from salpchain.controllers.storage import load, save_policy
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE

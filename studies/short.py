@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from salpchain.control.mpc import MPC
-from salpchain.control.policy import Controller
-from salpchain.control.storage import load
+from salpchain.controllers.mpc import MPC
+from salpchain.controllers.policy import Controller
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError

@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from salpchain.control.policy import Policy
-from salpchain.control.storage import load
+from salpchain.controllers.policy import Policy
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.domain.config import TaskConfig, step_limit
 from salpchain.domain.scld import SCLD, State

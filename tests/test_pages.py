@@ -16,7 +16,7 @@ from PIL import Image
 import salpchain
 from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, settings
-from salpchain.control.named import is_name
+from salpchain.controllers.named import is_name
 from salpchain.domain.config import TIME_LIMITS
 from salpchain.evaluation.config import parse_lengths
 from tests.documents import (

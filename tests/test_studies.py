@@ -11,8 +11,8 @@ import pytest
 import studies
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
-from salpchain.control.policy import Policy
-from salpchain.control.storage import load
+from salpchain.controllers.policy import Policy
+from salpchain.controllers.storage import load
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.files import write_json

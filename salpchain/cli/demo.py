@@ -84,7 +84,7 @@ def _test(folder: Path, lengths: list[int], trials: int, overwrite: bool) -> Non
     from rich.console import Console
 
     from salpchain.cli.display import share_display
-    from salpchain.control.storage import load
+    from salpchain.controllers.storage import load
     from salpchain.devices import use_devices
     from salpchain.evaluation.evaluate import evaluate, table
 
@@ -96,7 +96,7 @@ def _test(folder: Path, lengths: list[int], trials: int, overwrite: bool) -> Non
 
 
 def _draw(folder: Path) -> None:
-    from salpchain.control.storage import load
+    from salpchain.controllers.storage import load
     from salpchain.evaluation.recording import record
     from salpchain.report import figures, picture
 

@@ -9,7 +9,7 @@ import tyro
 
 from salpchain.cli.options import Flag, Folder, Lengths, Whole, number, positive, text_option
 from salpchain.cli.streams import say
-from salpchain.control.named import is_name, load
+from salpchain.controllers.named import is_name, load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
@@ -92,7 +92,7 @@ def run(options: Evaluate) -> None:
 
 def default_out(policy: str) -> Path:
     """Where the files go when the user does not say."""
-    from salpchain.control.storage import POLICY_FILE
+    from salpchain.controllers.storage import POLICY_FILE
 
     path = Path(policy)
     if is_name(policy):

@@ -41,7 +41,7 @@ def run(options: Export) -> None:
     one_of("format", options.format, FORMATS)
     if not options.policy:
         raise InputError("salpchain export needs a policy, e.g. any-length, or a run folder")
-    from salpchain.control.storage import load
+    from salpchain.controllers.storage import load
     from salpchain.interop.export import export
 
     policy = load(options.policy)

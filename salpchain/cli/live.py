@@ -8,7 +8,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Folder, Whole, number, text_option
-from salpchain.control.named import check_live, check_there, is_name
+from salpchain.controllers.named import check_live, check_there, is_name
 from salpchain.domain.config import check_seed
 from salpchain.errors import InputError
 from salpchain.files import read_arrays

@@ -7,8 +7,8 @@ from typing import Annotated
 import tyro
 
 from salpchain.cli.options import Flag, Name, Whole, number, text_option
-from salpchain.control.named import WRITTEN
-from salpchain.control.released import model_card, released
+from salpchain.controllers.named import WRITTEN
+from salpchain.controllers.released import model_card, released
 from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
 from salpchain.errors import InputError
 from salpchain.networks.config import MODELS

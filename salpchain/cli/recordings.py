@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import number, text_option
 from salpchain.cli.streams import say
-from salpchain.control.named import load
+from salpchain.controllers.named import load
 from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths

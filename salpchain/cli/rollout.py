@@ -9,7 +9,7 @@ import tyro
 from salpchain.cli.options import Flag, Whole, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
-from salpchain.control.named import load
+from salpchain.controllers.named import load
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 from salpchain.files import writing
@@ -65,7 +65,7 @@ def run(options: Rollout) -> None:
 
 def _check_same(out: Path, options: Rollout) -> None:
     """Raise InputError unless the file holds the episode that is asked for."""
-    from salpchain.control.identity import identity
+    from salpchain.controllers.identity import identity
     from salpchain.evaluation.trajectory import Trajectory
 
     try:

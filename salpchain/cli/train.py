@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from salpchain.cli.options import Flag, Folder, Lengths, Name, Whole, decimals, text_option, whole
 from salpchain.cli.settings import File, Sets, check_agrees, combined
 from salpchain.cli.streams import say
-from salpchain.control.named import is_name
+from salpchain.controllers.named import is_name
 from salpchain.errors import InputError
 from salpchain.evaluation.config import lengths_as_text, list_lengths, parse_lengths
 from salpchain.networks.config import SINGLE_LENGTH

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from salpchain.cluster.grid import TEST_SEED, Grid, Job, read_grid
 from salpchain.cluster.results import baseline_untested, is_trained, run_of, untested
-from salpchain.control.greedy import Greedy
-from salpchain.control.policy import Controller
-from salpchain.control.storage import load
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.policy import Controller
+from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate_limits

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from salpchain.cluster.grid import Grid, Job
-from salpchain.control.storage import POLICY_FILE
+from salpchain.controllers.storage import POLICY_FILE
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import StrPath, read_arrays, read_json

@@ -13,9 +13,9 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
-from salpchain.control.greedy import Greedy
-from salpchain.control.identity import identity
-from salpchain.control.policy import Controller, Planner
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.identity import identity
+from salpchain.controllers.policy import Controller, Planner
 from salpchain.domain.config import PLAYED_LIMIT, step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float
 
-from salpchain.control.policy import Controller, PolicyCard, act, begin
+from salpchain.controllers.policy import Controller, PolicyCard, act, begin
 from salpchain.domain.observation import observe
 from salpchain.domain.scld import State
 from salpchain.physics.state import Bodies, Physics

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
-from salpchain.control.identity import identity
-from salpchain.control.policy import Controller, act, begin
+from salpchain.controllers.identity import identity
+from salpchain.controllers.policy import Controller, act, begin
 from salpchain.domain.config import PLAYED_LIMIT, check_length, check_seed
 from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError

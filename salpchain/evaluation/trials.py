@@ -14,7 +14,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
-from salpchain.control.policy import Controller, Planner, act, begin
+from salpchain.controllers.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.domain.config import GOAL_LIMIT, TaskConfig, check_length, check_seed, step_limit
 from salpchain.domain.scld import SCLD, State

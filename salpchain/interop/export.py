@@ -6,8 +6,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from salpchain.control.policy import Controller, Policy
-from salpchain.control.storage import network_shapes
+from salpchain.controllers.policy import Controller, Policy
+from salpchain.controllers.storage import network_shapes
 from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath

@@ -6,7 +6,7 @@
 import json
 from dataclasses import asdict, dataclass, replace
 
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.policy import PolicyCard
 
 CONTROL_STEP = 0.1  # s
 UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)

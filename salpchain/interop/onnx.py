@@ -3,7 +3,7 @@
 from typing import Any
 
 from salpchain import __version__
-from salpchain.control.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.control.policy import Controller, Policy, PolicyCard
+from salpchain.controllers.policy import Controller, Policy, PolicyCard
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from salpchain.control.named import check_name
+from salpchain.controllers.named import check_name
 from salpchain.domain.config import TaskConfig, check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from salpchain.control.policy import Policy
+from salpchain.controllers.policy import Policy
 from salpchain.evaluation.statistics import share
 from salpchain.evaluation.trials import run_trials
 

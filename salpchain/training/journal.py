@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import POLICY_FILE, load, save_policy
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import POLICY_FILE, load, save_policy
 from salpchain.files import StrPath, write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import save_checkpoint

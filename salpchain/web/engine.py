@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.control.policy import Controller
+from salpchain.controllers.policy import Controller
 from salpchain.errors import InputError
 from salpchain.report.recorded import Recording
 from salpchain.web import messages

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
-from salpchain.control import named
-from salpchain.control.named import WRITTEN, check_live, check_there, is_name
-from salpchain.control.policy import Controller
-from salpchain.control.released import released
-from salpchain.control.storage import POLICY_FILE, load
+from salpchain.controllers import named
+from salpchain.controllers.named import WRITTEN, check_live, check_there, is_name
+from salpchain.controllers.policy import Controller
+from salpchain.controllers.released import released
+from salpchain.controllers.storage import POLICY_FILE, load
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 

@@ -11,7 +11,7 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Float
 
-from salpchain.control.policy import Controller
+from salpchain.controllers.policy import Controller
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from salpchain.control.policy import Controller, PolicyCard
+from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 from salpchain.web import swimmer

@@ -14,8 +14,8 @@ from salpchain import Trajectory, identity, load
 from salpchain.cli.evaluate import default_out
 from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, _report, settings
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import save_policy
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import save_policy
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.installation import install_command
 from salpchain.networks.actor_critic import actor_critic

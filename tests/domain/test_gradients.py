@@ -13,7 +13,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.named import load
+from salpchain.controllers.named import load
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.physics.chain import step

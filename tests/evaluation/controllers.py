@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.policy import PolicyCard
 from salpchain.domain.scld import State
 
 

@@ -6,9 +6,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from salpchain.control.greedy import Greedy
-from salpchain.control.mpc import MPC
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.mpc import MPC
+from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table

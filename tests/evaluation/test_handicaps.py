@@ -5,7 +5,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.greedy import Greedy
+from salpchain.controllers.greedy import Greedy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation.handicaps import Delayed, Noisy, changed

@@ -12,7 +12,7 @@ import pytest
 import salpchain
 from salpchain import Greedy
 from salpchain.cli.main import COMMANDS
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.policy import PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.evaluation.starts import start_of
 from salpchain.evaluation.too_short import of_summary, of_swims, reachable_in

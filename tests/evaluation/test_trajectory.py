@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from salpchain import InputError, Trajectory, identity, record
-from salpchain.control.greedy import Greedy
+from salpchain.controllers.greedy import Greedy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation.trials import start_keys

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from salpchain.control.approach import Approach
-from salpchain.control.greedy import Greedy
+from salpchain.controllers.approach import Approach
+from salpchain.controllers.greedy import Greedy
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable

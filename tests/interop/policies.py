@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax.random as jr
 
-from salpchain.control.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig

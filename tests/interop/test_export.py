@@ -15,9 +15,9 @@ import torch
 
 from examples.robot import OBSERVATIONS, opened, swim, thrusts
 from salpchain.cli.main import run
-from salpchain.control.greedy import Greedy
-from salpchain.control.policy import Policy
-from salpchain.control.storage import save_policy
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.policy import Policy
+from salpchain.controllers.storage import save_policy
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.observation import observe
 from salpchain.domain.scld import SCLD

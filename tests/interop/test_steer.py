@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from salpchain.control.greedy import Greedy
+from salpchain.controllers.greedy import Greedy
 from salpchain.errors import InputError
 from salpchain.interop.steer import steering
 from tests.interop.policies import fresh

@@ -5,8 +5,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import load, save_policy
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import load, save_policy
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.networks.actor_critic import actor_critic

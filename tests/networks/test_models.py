@@ -9,7 +9,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError

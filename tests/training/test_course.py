@@ -9,7 +9,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD, renew_done
 from salpchain.errors import InputError

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 import pytest
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.devices import largest_divisor
 from salpchain.training import trainer
 from salpchain.training.checkpoint import CHECKPOINT_FILE

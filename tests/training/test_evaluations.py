@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.training import evaluations
 from salpchain.training.trainer import train

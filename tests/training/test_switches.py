@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from salpchain.control.storage import load
+from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.training.trainer import resume, train
 from tests.training.small import small

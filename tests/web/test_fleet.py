@@ -5,9 +5,9 @@ from pathlib import Path
 import jax.random as jr
 import pytest
 
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.released import released
-from salpchain.control.storage import save_policy
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.released import released
+from salpchain.controllers.storage import save_policy
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.web.fleet import Fleet

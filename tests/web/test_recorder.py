@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from salpchain.control.greedy import Greedy
+from salpchain.controllers.greedy import Greedy
 from salpchain.errors import InputError
 from salpchain.report.recorded import Part, Recording, packed_part, recording_page
 from salpchain.web import recorder as module

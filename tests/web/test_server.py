@@ -14,7 +14,7 @@ import uvicorn
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from salpchain.control.released import released
+from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.web import guard, messages, recorder, server
 from salpchain.web.engine import DEEDS

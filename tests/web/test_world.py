@@ -6,8 +6,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.greedy import Greedy
-from salpchain.control.policy import Policy, PolicyCard
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.policy import PolicyCard
 from salpchain.domain.checks import check_state
 from salpchain.domain.config import ACTION_SIZES
 from salpchain.domain.scld import State

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from salpchain.cli.main import run
-from salpchain.control import released as module
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import load, save_policy
+from salpchain.controllers import released as module
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import load, save_policy
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 

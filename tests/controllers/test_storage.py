@@ -9,12 +9,12 @@ import pytest
 
 import salpchain
 from salpchain.cli.main import run
-from salpchain.control.approach import Approach
-from salpchain.control.greedy import Greedy
-from salpchain.control.mpc import MPC
-from salpchain.control.named import names
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import load, save_policy
+from salpchain.controllers.approach import Approach
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.mpc import MPC
+from salpchain.controllers.named import names
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import load, save_policy
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 

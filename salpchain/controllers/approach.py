@@ -12,8 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.control.greedy import as_action
-from salpchain.control.policy import PolicyCard
+from salpchain.controllers.greedy import as_action
+from salpchain.controllers.policy import PolicyCard
 from salpchain.domain.checks import check_state
 from salpchain.domain.pose import LINK
 from salpchain.domain.scld import State

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from salpchain.control.policy import Controller, Policy, PolicyCard
+from salpchain.controllers.policy import Controller, Policy, PolicyCard
 from salpchain.files import Arrays
 from salpchain.networks.config import ControlConfig
 from salpchain.trees import to_arrays

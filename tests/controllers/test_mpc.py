@@ -8,10 +8,10 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control.greedy import Greedy
-from salpchain.control.mpc import MPC
-from salpchain.control.policy import Planner, act, begin
-from salpchain.control.storage import load
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.mpc import MPC
+from salpchain.controllers.policy import Planner, act, begin
+from salpchain.controllers.storage import load
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.evaluation.trials import run_trials

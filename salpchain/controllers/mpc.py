@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.control.greedy import as_action
-from salpchain.control.policy import Controller, PolicyCard
+from salpchain.controllers.greedy import as_action
+from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.reward import distances, reached
 from salpchain.domain.scld import SCLD, State

@@ -8,10 +8,10 @@ import equinox as eqx
 import jax.random as jr
 import numpy as np
 
-from salpchain.control.identity import identity_of_weights
-from salpchain.control.named import WRITTEN
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.released import released
+from salpchain.controllers.identity import identity_of_weights
+from salpchain.controllers.named import WRITTEN
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.released import released
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays

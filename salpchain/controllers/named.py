@@ -4,12 +4,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from salpchain.control.released import released
+from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 
 if TYPE_CHECKING:
-    from salpchain.control.policy import Controller
+    from salpchain.controllers.policy import Controller
 
 
 class Written(NamedTuple):
@@ -23,12 +23,14 @@ class Written(NamedTuple):
 
 WRITTEN = {
     "greedy": Written(
-        "salpchain.control.greedy", "Greedy", "each unit thrusts to its own target point", True
+        "salpchain.controllers.greedy", "Greedy", "each unit thrusts to its own target point", True
     ),
     "approach": Written(
-        "salpchain.control.approach", "Approach", "turns, approaches and bends as a whole", True
+        "salpchain.controllers.approach", "Approach", "turns, approaches and bends as a whole", True
     ),
-    "mpc": Written("salpchain.control.mpc", "MPC", "plans by sampling on the engine, slow", False),
+    "mpc": Written(
+        "salpchain.controllers.mpc", "MPC", "plans by sampling on the engine, slow", False
+    ),
 }
 
 
@@ -47,7 +49,7 @@ def load(source: StrPath) -> "Controller":
         written = WRITTEN[source]
         return getattr(import_module(written.module), written.kind)()
     check_there(source)
-    from salpchain.control import storage
+    from salpchain.controllers import storage
 
     return storage.load(source)
 

@@ -9,7 +9,7 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Float
 
-from salpchain.control.policy import Controller, Planner
+from salpchain.controllers.policy import Controller, Planner
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.physics.state import Bodies, at_rest

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from salpchain import MPC, Approach, Greedy, identity, load, save_policy
-from salpchain.control.named import names
-from salpchain.control.policy import Policy, PolicyCard
-from salpchain.control.storage import KIND, VERSION
+from salpchain.controllers.named import names
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.storage import KIND, VERSION
 from salpchain.evaluation.handicaps import Delayed, Noisy
 from salpchain.files import read_arrays, write_arrays
 from tests.interop.policies import fresh

@@ -7,10 +7,10 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.control import named
-from salpchain.control.approach import Approach, pose
-from salpchain.control.greedy import Greedy
-from salpchain.control.policy import Controller
+from salpchain.controllers import named
+from salpchain.controllers.approach import Approach, pose
+from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.policy import Controller
 from salpchain.domain.config import TaskConfig
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError

@@ -1,1 +1,0 @@
-"""Controllers: graph networks, the layers they are made of, and a hand-written baseline."""
