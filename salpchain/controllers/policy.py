@@ -7,7 +7,6 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from salpchain.domain.checks import check_state
 from salpchain.domain.config import (
     ACTION_SIZES,
     OBSERVATION_SIZES,
@@ -23,6 +22,7 @@ from salpchain.networks.actor_critic import ActorCritic
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.switches import refused_if_sharded, standard_promotion
+from salpchain.tasks.checks import check_state
 
 
 @dataclass(frozen=True)

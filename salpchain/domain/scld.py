@@ -14,13 +14,6 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from salpchain.domain.checks import (
-    check_key,
-    check_number,
-    check_start,
-    check_state,
-    checked_action,
-)
 from salpchain.domain.config import (
     ACTION_SIZES,
     FIXED_LIMIT,
@@ -29,7 +22,6 @@ from salpchain.domain.config import (
     TaskConfig,
 )
 from salpchain.domain.folds import folded, stalled
-from salpchain.domain.observation import observe
 from salpchain.domain.pose import draw, spawn, target_pose
 from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.forks import check_not_forked
@@ -37,6 +29,14 @@ from salpchain.physics.batching import over_the_batch, redo, where
 from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics, heading
 from salpchain.switches import automatic, standard_promotion
+from salpchain.tasks.checks import (
+    check_key,
+    check_number,
+    check_start,
+    check_state,
+    checked_action,
+)
+from salpchain.tasks.observations import observe
 from salpchain.xla import once
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain

@@ -12,7 +12,7 @@ from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.interop import FORMATS
-from salpchain.interop.layout import metadata
+from salpchain.tasks.features import metadata
 from salpchain.trees import to_arrays
 
 

@@ -7,11 +7,11 @@ from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need
-from salpchain.interop.layout import metadata
 from salpchain.networks.actor_critic import GraphActorCritic
 from salpchain.networks.gt import GT
 from salpchain.networks.layers import Layers
 from salpchain.networks.mlp import MLP
+from salpchain.tasks.features import metadata
 
 onnx = need("onnx", "onnx")
 

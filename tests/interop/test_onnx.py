@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 
 from salpchain.domain.config import OBSERVATION_SIZES
-from salpchain.interop.layout import LAYOUTS
 from salpchain.interop.onnx import export_onnx
+from salpchain.tasks.features import LAYOUTS
 from tests.interop.policies import fresh
 
 GRAPHS = ("mixed", "full", "near", "hub")

@@ -13,13 +13,13 @@ from torchrl.envs import check_env_specs
 
 from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.domain.frechet import frechet_distance
-from salpchain.domain.observation import observe
 from salpchain.domain.reward import distances, reached, reward_terms
 from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop import torch_task
 from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
 from salpchain.physics.state import Bodies, Chain
+from salpchain.tasks.observations import observe
 
 torch.set_num_threads(1)  # the arrays are tiny: more threads only wait for each other
 

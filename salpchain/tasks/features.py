@@ -1,6 +1,6 @@
 """What each number of an observation is: name, unit, frame; for those who build it themselves.
 
-`domain/observation.py` computes the numbers, in this order.
+`tasks/observations.py` computes the numbers, in this order.
 """
 
 import json

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
-from salpchain.domain.observation import observe
 from salpchain.domain.scld import SCLD
+from salpchain.tasks.observations import observe
 from tests.physics.poses import along, resting
 
 
