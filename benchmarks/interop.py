@@ -25,11 +25,11 @@ import numpy as np
 from benchmarks.run import add_options, begun
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.controllers.storage import load
-from salpchain.domain.config import FIXED_LIMIT, TaskConfig
 from salpchain.files import write_json
 from salpchain.interop.batch import programs
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import FIXED_LIMIT, TaskConfig
 
 ENVS, UNITS = 1024, 8
 STEPS, TURNS = 40, 9  # in a turn; turns

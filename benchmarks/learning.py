@@ -20,12 +20,12 @@ import jax.random as jr
 
 from benchmarks.run import add_options, begun
 from salpchain.devices import largest_divisor, mesh_of, use_devices
-from salpchain.domain.config import OBSERVATION_SIZES
-from salpchain.domain.scld import SCLD
 from salpchain.files import write_json
 from salpchain.networks.actor_critic import GraphActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.networks.layers import Head, Linear, head
+from salpchain.tasks.reach.config import OBSERVATION_SIZES
+from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import compile_iterate, new_learner, place
 from salpchain.training.presets import choose

@@ -14,9 +14,9 @@ _PUBLIC = {
     "Bodies": "salpchain.physics.state",
     "Chain": "salpchain.physics.state",
     "Physics": "salpchain.physics.state",
-    "SCLD": "salpchain.domain.scld",
-    "State": "salpchain.domain.scld",
-    "TaskConfig": "salpchain.domain.config",
+    "SCLD": "salpchain.tasks.reach.task",
+    "State": "salpchain.tasks.reach.task",
+    "TaskConfig": "salpchain.tasks.reach.config",
     "Greedy": "salpchain.controllers.greedy",
     "Approach": "salpchain.controllers.approach",
     "MPC": "salpchain.controllers.mpc",
@@ -53,9 +53,6 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.controllers.policy import Policy as Policy
     from salpchain.controllers.steering import steering as steering
     from salpchain.controllers.storage import save_policy as save_policy
-    from salpchain.domain.config import TaskConfig as TaskConfig
-    from salpchain.domain.scld import SCLD as SCLD
-    from salpchain.domain.scld import State as State
     from salpchain.errors import InputError as InputError
     from salpchain.evaluation.evaluate import evaluate as evaluate
     from salpchain.evaluation.recording import record as record
@@ -64,6 +61,9 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.physics.state import Bodies as Bodies
     from salpchain.physics.state import Chain as Chain
     from salpchain.physics.state import Physics as Physics
+    from salpchain.tasks.reach.config import TaskConfig as TaskConfig
+    from salpchain.tasks.reach.task import SCLD as SCLD
+    from salpchain.tasks.reach.task import State as State
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig

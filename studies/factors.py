@@ -23,13 +23,13 @@ from matplotlib.figure import Figure
 from scipy.stats import false_discovery_control, ttest_ind
 
 from salpchain.controllers.storage import load
-from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import make_writable, read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
 from salpchain.report.style import STYLE
+from salpchain.tasks.reach.config import GOAL_LIMIT
 from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
 from studies import check_same, claim, program, run_of, train_or_go_on

@@ -17,10 +17,10 @@ from salpchain.controllers.mpc import MPC
 from salpchain.controllers.policy import Controller
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
-from salpchain.domain.config import GOAL_LIMIT
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
+from salpchain.tasks.reach.config import GOAL_LIMIT
 from salpchain.training.presets import TIGHT
 from studies import add_part, claim, program
 

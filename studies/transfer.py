@@ -19,8 +19,6 @@ import torch
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
-from salpchain.domain.config import TaskConfig, step_limit
-from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.handicaps import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
@@ -28,6 +26,8 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.state import Physics, at_rest
+from salpchain.tasks.reach.config import TaskConfig, step_limit
+from salpchain.tasks.reach.task import SCLD, State
 from studies import add_part, claim, program
 
 LENGTHS = (4, 8, 16, 32)

@@ -13,9 +13,9 @@ from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.files import write_json
+from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
 from studies import bars, budget, factors, short, transfer
 from tests.interop.policies import fresh

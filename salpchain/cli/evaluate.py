@@ -10,10 +10,10 @@ import tyro
 from salpchain.cli.options import Flag, Folder, Lengths, Whole, number, positive, text_option
 from salpchain.cli.streams import say
 from salpchain.controllers.named import is_name, load
-from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import make_writable
+from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
 
 
 @dataclass(frozen=True)

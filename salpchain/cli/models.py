@@ -9,9 +9,9 @@ import tyro
 from salpchain.cli.options import Flag, Name, Whole, number, text_option
 from salpchain.controllers.named import WRITTEN
 from salpchain.controllers.released import model_card, released
-from salpchain.domain.config import OBSERVATION_SIZES, check_length, one_of
 from salpchain.errors import InputError
 from salpchain.networks.config import MODELS
+from salpchain.tasks.reach.config import OBSERVATION_SIZES, check_length, one_of
 
 
 @dataclass(frozen=True)

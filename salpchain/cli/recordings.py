@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 from salpchain.cli.options import number, text_option
 from salpchain.cli.streams import say
 from salpchain.controllers.named import load
-from salpchain.domain.config import TIME_LIMITS, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.report.labels import labels
+from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
 
 if TYPE_CHECKING:
     from salpchain.evaluation.trajectory import Trajectory

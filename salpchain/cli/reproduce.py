@@ -20,11 +20,11 @@ from salpchain.cli.options import (
 from salpchain.cli.settings import Sets
 from salpchain.cli.streams import say
 from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
-from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import alone
 from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
+from salpchain.tasks.reach.config import one_of
 
 if TYPE_CHECKING:
     from salpchain.cluster.sweep import Executor

@@ -10,9 +10,9 @@ from salpchain.cli.options import Flag, Whole, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.controllers.named import load
-from salpchain.domain.config import check_length
 from salpchain.errors import InputError
 from salpchain.files import writing
+from salpchain.tasks.reach.config import check_length
 
 
 @dataclass(frozen=True)

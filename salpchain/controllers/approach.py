@@ -14,11 +14,11 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.controllers.greedy import as_action
 from salpchain.controllers.policy import PolicyCard
-from salpchain.domain.pose import LINK
-from salpchain.domain.scld import State
 from salpchain.physics.state import heading, wrap
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
+from salpchain.tasks.reach.targets import LINK
+from salpchain.tasks.reach.task import State
 
 TOP_SPEED = 0.2  # m/s, of a chain (DESIGN section 3)
 HOLD = 5.0  # N for each m/s, against drag

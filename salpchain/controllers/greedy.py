@@ -5,11 +5,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import PolicyCard
-from salpchain.domain.config import ACTION_SIZES
-from salpchain.domain.scld import State
 from salpchain.physics.state import heading
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
+from salpchain.tasks.reach.config import ACTION_SIZES
+from salpchain.tasks.reach.task import State
 
 PULL = 5.0  # N per metre of error along the heading
 DAMPING = 2.0  # N per m/s along the heading

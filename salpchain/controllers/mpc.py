@@ -17,12 +17,12 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.controllers.greedy import as_action
 from salpchain.controllers.policy import Controller, PolicyCard
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.reward import distances, reached
-from salpchain.domain.scld import SCLD, State
 from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics
 from salpchain.switches import standard_promotion
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.reward import distances, reached
+from salpchain.tasks.reach.task import SCLD, State
 
 PLAN_STREAM = 2  # sets a planner's random numbers apart from those of the episode (chosen)
 AWAY = 0.5  # cost of each control step before the goal, beside the log distance (chosen)

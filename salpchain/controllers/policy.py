@@ -7,15 +7,6 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
-from salpchain.domain.config import (
-    ACTION_SIZES,
-    OBSERVATION_SIZES,
-    PLAYED_LIMIT,
-    TaskConfig,
-    check_length,
-    one_of,
-)
-from salpchain.domain.scld import State
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
 from salpchain.networks.actor_critic import ActorCritic
@@ -23,6 +14,15 @@ from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
+from salpchain.tasks.reach.config import (
+    ACTION_SIZES,
+    OBSERVATION_SIZES,
+    PLAYED_LIMIT,
+    TaskConfig,
+    check_length,
+    one_of,
+)
+from salpchain.tasks.reach.task import State
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller, Planner
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.physics.state import Bodies, at_rest
+from salpchain.tasks.reach.task import SCLD
 
 Poses = dict[str, np.ndarray]
 VECTORS = ("position", "velocity", "target", "force")

@@ -12,12 +12,12 @@ from salpchain.controllers.identity import identity_of_weights
 from salpchain.controllers.named import WRITTEN
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.controllers.released import released
-from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.forks import check_not_forked
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from salpchain.domain.config import LONGEST, check_length
 from salpchain.errors import InputError
+from salpchain.tasks.reach.config import LONGEST, check_length
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"

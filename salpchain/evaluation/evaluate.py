@@ -16,7 +16,6 @@ from rich.table import Table
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, Planner
-from salpchain.domain.config import PLAYED_LIMIT, step_limit
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
 from salpchain.evaluation.kept import check_kept, settings
@@ -24,6 +23,7 @@ from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.forks import check_not_forked
+from salpchain.tasks.reach.config import PLAYED_LIMIT, step_limit
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -9,9 +9,9 @@ import jax.random as jr
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller, PolicyCard, act, begin
-from salpchain.domain.scld import State
 from salpchain.physics.state import Bodies, Physics
 from salpchain.tasks.observations import observe
+from salpchain.tasks.reach.task import State
 
 
 class Noisy(eqx.Module):

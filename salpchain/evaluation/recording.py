@@ -11,8 +11,6 @@ from jaxtyping import Array, Float, Int, Key
 
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, act, begin
-from salpchain.domain.config import PLAYED_LIMIT, check_length, check_seed
-from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
@@ -20,6 +18,8 @@ from salpchain.forks import check_not_forked
 from salpchain.physics.batching import where
 from salpchain.physics.state import Bodies
 from salpchain.switches import own_mesh
+from salpchain.tasks.reach.config import PLAYED_LIMIT, check_length, check_seed
+from salpchain.tasks.reach.task import SCLD, State
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
 

@@ -4,11 +4,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from salpchain.domain.config import LONGEST, STEPS_PER_UNIT
-from salpchain.domain.pose import LINK
-from salpchain.domain.scld import SCLD, State
 from salpchain.evaluation.limits import fewest_steps, reachable, steps_to_turn
 from salpchain.physics.state import Chain, wrap
+from salpchain.tasks.reach.config import LONGEST, STEPS_PER_UNIT
+from salpchain.tasks.reach.targets import LINK
+from salpchain.tasks.reach.task import SCLD, State
 
 MOST_STEPS = STEPS_PER_UNIT * LONGEST  # control steps, of the longest chain's scaled limit
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from salpchain.domain.config import TIME_LIMITS, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath, write_bytes
+from salpchain.tasks.reach.config import TIME_LIMITS, check_length, check_seed, one_of
 
 FORMAT = 1
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)

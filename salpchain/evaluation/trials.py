@@ -16,8 +16,6 @@ from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from salpchain.controllers.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
-from salpchain.domain.config import GOAL_LIMIT, TaskConfig, check_length, check_seed, step_limit
-from salpchain.domain.scld import SCLD, State
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.starts import Start, centroid, start_of
@@ -25,6 +23,14 @@ from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
 from salpchain.physics.state import Physics
 from salpchain.switches import own_mesh
+from salpchain.tasks.reach.config import (
+    GOAL_LIMIT,
+    TaskConfig,
+    check_length,
+    check_seed,
+    step_limit,
+)
+from salpchain.tasks.reach.task import SCLD, State
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)

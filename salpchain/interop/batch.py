@@ -11,11 +11,11 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
-from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
+from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.reach.task import SCLD, State, renew_done
 
 Seeds = int | Sequence[int | None] | np.ndarray | None
 

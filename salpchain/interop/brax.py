@@ -14,10 +14,10 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.domain.scld import SCLD, State, renew_done
 from salpchain.errors import InputError
 from salpchain.interop.checks import task_of
 from salpchain.interop.extras import need
+from salpchain.tasks.reach.task import SCLD, State, renew_done
 
 need("brax", "brax")
 

@@ -9,10 +9,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from salpchain.domain.scld import State
 from salpchain.report.picture import FAINT, INK, PLACES, WATER
 from salpchain.report.shapes import unit_outlines
 from salpchain.tasks.features import CONTROL_STEP
+from salpchain.tasks.reach.task import State
 
 SIDE = 480  # pixels
 MARGIN = 0.15  # m, around chain and target

@@ -8,11 +8,11 @@ import numpy as np
 
 from salpchain.controllers.policy import Controller, Policy
 from salpchain.controllers.storage import network_shapes
-from salpchain.domain.config import one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.interop import FORMATS
 from salpchain.tasks.features import metadata
+from salpchain.tasks.reach.config import one_of
 from salpchain.trees import to_arrays
 
 

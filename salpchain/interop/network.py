@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.interop.extras import need
 from salpchain.networks.config import PAPER_DEPTH, REACH
+from salpchain.tasks.reach.config import OBSERVATION_SIZES
 
 need("torch", "torch")
 

@@ -4,7 +4,6 @@ from typing import Any
 
 from salpchain import __version__
 from salpchain.controllers.policy import Policy, PolicyCard
-from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need
 from salpchain.networks.actor_critic import GraphActorCritic
@@ -12,6 +11,7 @@ from salpchain.networks.gt import GT
 from salpchain.networks.layers import Layers
 from salpchain.networks.mlp import MLP
 from salpchain.tasks.features import metadata
+from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
 
 onnx = need("onnx", "onnx")
 

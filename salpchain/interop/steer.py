@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from salpchain.controllers.policy import Controller, Policy, PolicyCard
-from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
 from salpchain.interop.checks import task_of
+from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
 
 Steer = Callable[[np.ndarray], np.ndarray]
 

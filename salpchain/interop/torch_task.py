@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from salpchain.domain.pose import LINK, RADIUS, SPAWN
-from salpchain.domain.reward import FINE_SCALE
 from salpchain.interop.extras import need
 from salpchain.tasks.observations import SENSED
+from salpchain.tasks.reach.reward import FINE_SCALE
+from salpchain.tasks.reach.targets import LINK, RADIUS, SPAWN
 
 need("torch", "vmas")
 

@@ -7,9 +7,6 @@ names the environment whose action is NaN.
 
 from typing import Any
 
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.pose import LINK, SPAWN
-from salpchain.domain.scld import FENCE_PER_UNIT
 from salpchain.errors import InputError
 from salpchain.interop.checks import checked_envs, limit_of, task_of
 from salpchain.interop.extras import need
@@ -23,6 +20,9 @@ from salpchain.interop.torch_task import (
     target_pose,
 )
 from salpchain.physics.state import Physics
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.targets import LINK, SPAWN
+from salpchain.tasks.reach.task import FENCE_PER_UNIT
 
 need("torch", "vmas")
 need("vmas", "vmas")

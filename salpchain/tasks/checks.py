@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from salpchain.domain.config import SHORTEST
 from salpchain.errors import InputError
+from salpchain.tasks.reach.config import SHORTEST
 
 
 def check_key(key: Any) -> None:

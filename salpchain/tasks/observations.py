@@ -12,10 +12,10 @@ from functools import partial
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.domain.pose import LINK
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.derivatives import compress, direction, root
 from salpchain.physics.state import Chain, wrap
+from salpchain.tasks.reach.targets import LINK
 from salpchain.xla import once
 
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 from salpchain.controllers.named import check_name
-from salpchain.domain.config import TaskConfig, check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
+from salpchain.tasks.reach.config import TaskConfig, check_kinds, check_length, check_seed, one_of
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
 MOST_BATCH = 10**8  # chain-steps between two updates (chosen; no machine has room for more)

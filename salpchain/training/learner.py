@@ -14,8 +14,8 @@ from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.devices import AXIS
-from salpchain.domain.scld import SCLD, State
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
+from salpchain.tasks.reach.task import SCLD, State
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
 from salpchain.training.course import Course, advance, draw_length, new_course

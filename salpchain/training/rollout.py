@@ -9,9 +9,9 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.devices import AXIS
-from salpchain.domain.reward import Terms, own_progress
-from salpchain.domain.scld import SCLD, DrawLength, State, renew_done
 from salpchain.networks.actor_critic import ActorCritic
+from salpchain.tasks.reach.reward import Terms, own_progress
+from salpchain.tasks.reach.task import SCLD, DrawLength, State, renew_done
 
 
 class Sample(eqx.Module):

@@ -12,10 +12,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from salpchain.domain.config import TaskConfig
 from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_text
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import TaskConfig
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
 from salpchain.training.settings import changed
 

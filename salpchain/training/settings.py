@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, is_dataclass, replace
 from typing import Any, get_type_hints
 
-from salpchain.domain.config import KINDS, TaskConfig, is_kind, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
+from salpchain.tasks.reach.config import KINDS, TaskConfig, is_kind, one_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
 

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
-from salpchain.domain.scld import SCLD
 from salpchain.files import StrPath, alone, read_json
 from salpchain.switches import own_mesh
+from salpchain.tasks.reach.task import SCLD
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig

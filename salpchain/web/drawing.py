@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from salpchain.domain.pose import LINK
 from salpchain.errors import InputError
+from salpchain.tasks.reach.targets import LINK
 
 SHARPEST = 2 * np.arcsin(LINK / (2 * 0.05))  # rad between chords: the task's tightest arc, 5 cm
 SHORTEST_LINE = 0.05  # m, of a drawing that means anything (chosen)

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.reward import distances, reached
-from salpchain.domain.scld import SCLD, State
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.chain import step
 from salpchain.physics.state import Bodies, Chain, Physics, heading
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.reward import distances, reached
+from salpchain.tasks.reach.task import SCLD, State
 
 SLOTS = (64, 128)  # units of all chains together, of a compiled step (chosen)
 CHAINS = 6  # that swim at once (chosen)

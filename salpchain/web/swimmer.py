@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from salpchain.domain.config import SHORTEST
-from salpchain.domain.pose import LINK
 from salpchain.errors import InputError
+from salpchain.tasks.reach.config import SHORTEST
+from salpchain.tasks.reach.targets import LINK
 
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of bodies
 REACH = 0.3  # m, how near two ends must be to be joined (chosen)

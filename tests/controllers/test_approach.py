@@ -11,10 +11,10 @@ from salpchain.controllers import named
 from salpchain.controllers.approach import Approach, pose
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.policy import Controller
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=9))
 act = eqx.filter_jit(lambda controller, state: controller.act(state))

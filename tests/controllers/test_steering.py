@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import salpchain
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
+from salpchain.tasks.reach.task import SCLD
 from tests.interop.policies import fresh
 
 LENGTH = 5

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.greedy import Greedy
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.evaluation.handicaps import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=4, contact=False))
 START = jax.jit(ENV.reset)(jr.key(0))

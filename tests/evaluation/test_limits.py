@@ -4,8 +4,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain.domain.config import GOAL_LIMIT
-from salpchain.domain.reward import reached
 from salpchain.evaluation.limits import (
     acceleration,
     angle_turned,
@@ -21,6 +19,8 @@ from salpchain.evaluation.limits import (
 )
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest, heading
+from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.reach.reward import reached
 from tests.physics.poses import LINK, along, bent
 
 PHYSICS = Physics()

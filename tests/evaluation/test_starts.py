@@ -3,11 +3,11 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import GOAL_LIMIT, TaskConfig
-from salpchain.domain.pose import LINK
-from salpchain.domain.scld import SCLD
 from salpchain.evaluation.limits import angle_turned
 from salpchain.evaluation.starts import start_of
+from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig
+from salpchain.tasks.reach.targets import LINK
+from salpchain.tasks.reach.task import SCLD
 
 
 @pytest.mark.parametrize(("length", "slots"), [(2, 2), (5, 8), (12, 12)])

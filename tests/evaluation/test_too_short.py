@@ -13,11 +13,11 @@ import salpchain
 from salpchain import Greedy
 from salpchain.cli.main import COMMANDS
 from salpchain.controllers.policy import PolicyCard
-from salpchain.domain.config import TaskConfig
 from salpchain.evaluation.starts import start_of
 from salpchain.evaluation.too_short import of_summary, of_swims, reachable_in
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.interop.checks import task_of
+from salpchain.tasks.reach.config import TaskConfig
 from tests.report.swims import made
 
 

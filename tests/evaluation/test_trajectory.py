@@ -10,9 +10,9 @@ import pytest
 
 from salpchain import InputError, Trajectory, identity, record
 from salpchain.controllers.greedy import Greedy
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.evaluation.trials import start_keys
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from tests.report.swims import swim
 
 LENGTH, SEED = 3, 5

@@ -12,11 +12,11 @@ import pytest
 
 from salpchain.controllers.approach import Approach
 from salpchain.controllers.greedy import Greedy
-from salpchain.domain.config import ACTION_SIZES
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.recording import record
 from salpchain.evaluation.trials import _remember, play, run_limits, run_trials, start_keys
+from salpchain.tasks.reach.config import ACTION_SIZES
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16

@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.random as jr
 
 from salpchain.controllers.policy import Policy, PolicyCard
-from salpchain.domain.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
 
 
 def fresh(model="gcn", graph="mixed", observation="body", action="thrust", length=8, **settings):

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop.brax import SalpBraxEnv, wrap
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 TASK = {"length": 2, "contact": False, "fine_weight": 0.5}
 

@@ -7,9 +7,9 @@ import onnx
 import onnxruntime
 import pytest
 
-from salpchain.domain.config import OBSERVATION_SIZES
 from salpchain.interop.onnx import export_onnx
 from salpchain.tasks.features import LAYOUTS
+from salpchain.tasks.reach.config import OBSERVATION_SIZES
 from tests.interop.policies import fresh
 
 GRAPHS = ("mixed", "full", "near", "hub")

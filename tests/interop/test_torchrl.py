@@ -8,12 +8,12 @@ import torch
 from tensordict import TensorDict
 from torchrl.envs import check_env_specs
 
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop.gymnasium import SalpVectorEnv
 from salpchain.interop.torch import as_tensors, to_jax, to_torch
 from salpchain.interop.torchrl import SalpTorchEnv
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 torch.set_num_threads(1)
 

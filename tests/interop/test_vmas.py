@@ -11,15 +11,15 @@ import torch
 import vmas
 from torchrl.envs import check_env_specs
 
-from salpchain.domain.config import OBSERVATION_SIZES
-from salpchain.domain.frechet import frechet_distance
-from salpchain.domain.reward import distances, reached, reward_terms
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.interop import torch_task
 from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
 from salpchain.physics.state import Bodies, Chain
 from salpchain.tasks.observations import observe
+from salpchain.tasks.reach.config import OBSERVATION_SIZES
+from salpchain.tasks.reach.frechet import frechet_distance
+from salpchain.tasks.reach.reward import distances, reached, reward_terms
+from salpchain.tasks.reach.task import SCLD
 
 torch.set_num_threads(1)  # the arrays are tiny: more threads only wait for each other
 

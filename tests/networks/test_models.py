@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.policy import Policy, PolicyCard
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import GRAPH_NAMES, ControlConfig
 from salpchain.networks.count import num_parameters
 from salpchain.networks.graph import full, hub, mixed, near, of_adjacency
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from salpchain.xla import flat_products
 
 

@@ -10,8 +10,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=4, observation="proximity"))
 STEP = jax.jit(jax.vmap(ENV.step))

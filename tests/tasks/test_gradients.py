@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.named import load
-from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
+from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import in_double_precision, lively, thrusts
 
 LENGTHS = (2, 7, 64)

@@ -7,9 +7,9 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import OBSERVATION_SIZES, TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.tasks.observations import observe
+from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import along, resting
 
 

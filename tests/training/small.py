@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
-from salpchain.domain.config import TaskConfig
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import TaskConfig
 from salpchain.training.config import PPOConfig, TrainConfig
 
 

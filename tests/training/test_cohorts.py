@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from salpchain.devices import AXIS
-from salpchain.domain.reward import Terms
+from salpchain.tasks.reach.reward import Terms
 from salpchain.training.cohorts import count, lag, no_cohorts
 from salpchain.training.rollout import Outcome
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.storage import load
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD, renew_done
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD, renew_done
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.course import advance, draw_length, new_course
 from salpchain.training.ppo import Lesson, loss

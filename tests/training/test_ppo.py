@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from salpchain.domain.config import GOAL_LIMIT, TaskConfig
-from salpchain.domain.reward import own_progress
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig
+from salpchain.tasks.reach.reward import own_progress
+from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.journal import NotFiniteError
 from salpchain.training.ppo import (

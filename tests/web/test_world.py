@@ -8,12 +8,12 @@ import pytest
 
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.policy import Policy, PolicyCard
-from salpchain.domain.config import TaskConfig
-from salpchain.domain.scld import SCLD
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.physics.state import at_rest
+from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from salpchain.web import swimmer
 from salpchain.web.drawing import SHARPEST, nearer_way_round, random_target, resampled
 from salpchain.web.pool import CHAINS, Pool, slots_for

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from salpchain.domain.frechet import frechet_distance, within_frechet
+from salpchain.tasks.reach.frechet import frechet_distance, within_frechet
 
 
 def naive(one, other):

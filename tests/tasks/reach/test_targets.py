@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from salpchain.domain.pose import LINK, Bend, curve, draw, spawn, target_pose
+from salpchain.tasks.reach.targets import LINK, Bend, curve, draw, spawn, target_pose
 
 KEYS = jr.split(jr.key(0), 4000)
 

@@ -14,16 +14,6 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from salpchain.domain.config import (
-    ACTION_SIZES,
-    FIXED_LIMIT,
-    OBSERVATION_SIZES,
-    STEPS_PER_UNIT,
-    TaskConfig,
-)
-from salpchain.domain.folds import folded, stalled
-from salpchain.domain.pose import draw, spawn, target_pose
-from salpchain.domain.reward import Distances, Terms, distances, reached, reward_terms
 from salpchain.forks import check_not_forked
 from salpchain.physics.batching import over_the_batch, redo, where
 from salpchain.physics.chain import step
@@ -37,6 +27,16 @@ from salpchain.tasks.checks import (
     checked_action,
 )
 from salpchain.tasks.observations import observe
+from salpchain.tasks.reach.config import (
+    ACTION_SIZES,
+    FIXED_LIMIT,
+    OBSERVATION_SIZES,
+    STEPS_PER_UNIT,
+    TaskConfig,
+)
+from salpchain.tasks.reach.folds import folded, stalled
+from salpchain.tasks.reach.reward import Distances, Terms, distances, reached, reward_terms
+from salpchain.tasks.reach.targets import draw, spawn, target_pose
 from salpchain.xla import once
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain

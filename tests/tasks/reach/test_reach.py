@@ -9,9 +9,9 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.config import GOAL_LIMIT, TaskConfig, step_limit
-from salpchain.domain.scld import SCLD, renew_done
 from salpchain.errors import InputError
+from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig, step_limit
+from salpchain.tasks.reach.task import SCLD, renew_done
 
 
 class Jitted:

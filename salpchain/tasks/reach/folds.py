@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.domain.pose import LINK
 from salpchain.physics.state import Chain, at_rest, wrap
+from salpchain.tasks.reach.targets import LINK
 
 # All chosen
 FOLD = 3.2  # rad, the most that a fold turns, over a few joints

@@ -6,10 +6,10 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.domain.folds import folded, stalled
-from salpchain.domain.pose import LINK, draw, spawn, target_pose
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
+from salpchain.tasks.reach.folds import folded, stalled
+from salpchain.tasks.reach.targets import LINK, draw, spawn, target_pose
 
 KEYS = jr.split(jr.key(0), 2000)
 

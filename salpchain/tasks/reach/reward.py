@@ -4,10 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.domain.config import GOAL_LIMIT
-from salpchain.domain.frechet import within_frechet
 from salpchain.physics.derivatives import root
 from salpchain.physics.state import Chain
+from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.reach.frechet import within_frechet
 
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)
 

@@ -1,1 +1,0 @@
-"""The Salp Chain Locomotion Domain: a chain must take a target pose."""
