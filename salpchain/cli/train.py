@@ -100,7 +100,7 @@ def run(options: Train) -> int:
         _advise(folder)
         return 0
     from salpchain.cli.display import training_display
-    from salpchain.training.journal import NotFiniteError
+    from salpchain.training.run_log import NotFiniteError
     from salpchain.training.trainer import resume, train
 
     try:

@@ -21,7 +21,7 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate_limits
 from salpchain.files import StrPath
-from salpchain.training.journal import NotFiniteError, Progress
+from salpchain.training.run_log import NotFiniteError, Progress
 from salpchain.training.trainer import train_together
 
 PATIENCE = 300.0  # s for a process whose parent died to save and let go of its run (chosen)

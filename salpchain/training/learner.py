@@ -18,7 +18,7 @@ from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.tasks.reach.task import SCLD, State
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
-from salpchain.training.course import Course, advance, draw_length, new_course
+from salpchain.training.curriculum import Course, advance, draw_length, new_course
 from salpchain.training.ppo import Losses, improve, lessons, optimiser
 from salpchain.training.rollout import Outcome, Sample, collect, values
 

@@ -20,8 +20,8 @@ from salpchain.tasks.reach.task import SCLD
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
-from salpchain.training.journal import Journal, Progress
 from salpchain.training.learner import Learner, compile_iterate, new_learner, place
+from salpchain.training.run_log import Journal, Progress
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 

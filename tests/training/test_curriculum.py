@@ -16,7 +16,7 @@ from salpchain.networks.config import ControlConfig
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD, renew_done
 from salpchain.training.config import Mix, PPOConfig
-from salpchain.training.course import advance, draw_length, new_course
+from salpchain.training.curriculum import advance, draw_length, new_course
 from salpchain.training.ppo import Lesson, loss
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs

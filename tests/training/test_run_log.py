@@ -1,4 +1,4 @@
-from salpchain.training.journal import Recent
+from salpchain.training.run_log import Recent
 
 
 def rollout(episodes, success):
