@@ -20,7 +20,7 @@ from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
-from salpchain.evaluation.handicaps import Delayed, Noisy, changed
+from salpchain.evaluation.perturbations import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
 from salpchain.interop.steer import steering

@@ -18,7 +18,7 @@ from salpchain.controllers.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
-from salpchain.evaluation.starts import Start, centroid, start_of
+from salpchain.evaluation.difficulty import Start, centroid, start_of
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
 from salpchain.physics.state import Physics

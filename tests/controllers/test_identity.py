@@ -15,7 +15,7 @@ from salpchain import MPC, Approach, Greedy, identity, load, save_policy
 from salpchain.controllers.named import names
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.controllers.storage import KIND, VERSION
-from salpchain.evaluation.handicaps import Delayed, Noisy
+from salpchain.evaluation.perturbations import Delayed, Noisy
 from salpchain.files import read_arrays, write_arrays
 from tests.interop.policies import fresh
 

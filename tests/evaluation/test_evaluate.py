@@ -12,7 +12,7 @@ from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
-from salpchain.evaluation.handicaps import Delayed
+from salpchain.evaluation.perturbations import Delayed
 from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
 from tests.evaluation.controllers import Constant
 

@@ -13,7 +13,7 @@ import salpchain
 from salpchain import Greedy
 from salpchain.cli.main import COMMANDS
 from salpchain.controllers.policy import PolicyCard
-from salpchain.evaluation.starts import start_of
+from salpchain.evaluation.difficulty import start_of
 from salpchain.evaluation.too_short import of_summary, of_swims, reachable_in
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.interop.checks import task_of

@@ -3,8 +3,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
+from salpchain.evaluation.difficulty import start_of
 from salpchain.evaluation.limits import angle_turned
-from salpchain.evaluation.starts import start_of
 from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig
 from salpchain.tasks.reach.targets import LINK
 from salpchain.tasks.reach.task import SCLD

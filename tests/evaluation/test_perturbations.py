@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.greedy import Greedy
-from salpchain.evaluation.handicaps import Delayed, Noisy, changed
+from salpchain.evaluation.perturbations import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
