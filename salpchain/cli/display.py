@@ -16,7 +16,7 @@ from rich.progress import (
 )
 
 from salpchain.cli.streams import notices
-from salpchain.cluster.sweep import Overall
+from salpchain.experiments.sweep import Overall
 from salpchain.training.config import TrainConfig
 from salpchain.training.run_log import Progress as TrainProgress
 from salpchain.training.settings import changed

@@ -27,7 +27,7 @@ from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.tasks.reach.config import one_of
 
 if TYPE_CHECKING:
-    from salpchain.cluster.sweep import Executor
+    from salpchain.experiments.sweep import Executor
 
 EXECUTORS = ("local", "ray")
 Names = Annotated[str, text_option("NAME,NAME,...")]
@@ -161,7 +161,7 @@ def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -
     from salpchain.cli.display import sweep_display
     from salpchain.cluster.outcome import write_outcome
     from salpchain.cluster.results import set_damaged_aside
-    from salpchain.cluster.sweep import sweep
+    from salpchain.experiments.sweep import sweep
 
     try:
         executor, together = _executor(folder, options, resources)
@@ -199,11 +199,11 @@ def _executor(folder: Path, options: Reproduce, resources: Resources) -> "tuple[
     """Where runs go, and whether the seeds of a configuration train side by side."""
     jobs = resources.jobs
     if options.executor == "ray":
-        from salpchain.cluster.on_ray import RayExecutor
+        from salpchain.experiments.on_ray import RayExecutor
 
         share = resources.gpus
         return RayExecutor(folder, options.address, jobs, resources.cpus, share), share > 0
-    from salpchain.cluster.local import LocalExecutor
+    from salpchain.experiments.local import LocalExecutor
     from salpchain.machine import gpus, jobs_that_fit
 
     there = gpus()

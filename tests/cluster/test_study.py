@@ -11,8 +11,8 @@ import pytest
 
 from salpchain.cluster.grid import Grid, claim
 from salpchain.cluster.results import run_of
-from salpchain.cluster.sweep import sweep
 from salpchain.errors import InputError
+from salpchain.experiments.sweep import sweep
 
 OPTIONS = {
     "models": "mlp", "lengths": "2", "seeds": "2", "steps": "160000", "trials": "2", "tests": "2",
@@ -122,7 +122,7 @@ def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
-    from salpchain.cluster.on_ray import RayExecutor
+    from salpchain.experiments.on_ray import RayExecutor
 
     folder = tmp_path / "ray"
     claim(folder, GRID)
@@ -153,7 +153,7 @@ def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
 )
 def test_where_no_cluster_answers_ray_does_not_wait_for_it(address, said, tmp_path):
     pytest.importorskip("ray")
-    from salpchain.cluster.on_ray import RayExecutor
+    from salpchain.experiments.on_ray import RayExecutor
 
     with pytest.raises(InputError, match=said):
         RayExecutor(tmp_path, address)

@@ -4,8 +4,8 @@ import signal
 import subprocess
 from pathlib import Path
 
-from salpchain.cluster import process
-from salpchain.cluster.sweep import End, Task
+from salpchain.experiments import process
+from salpchain.experiments.sweep import End, Task
 from salpchain.files import StrPath
 from salpchain.machine import cores
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from salpchain import compilation_cache
-from salpchain.cluster.sweep import End, Task
+from salpchain.experiments.sweep import End, Task
 from salpchain.files import StrPath
 
 CACHE = "cache"  # folder of compiled programs, which jobs of one configuration share

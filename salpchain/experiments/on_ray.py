@@ -11,9 +11,9 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from salpchain.cluster import process
-from salpchain.cluster.sweep import RETRIES, End, Task
 from salpchain.errors import InputError
+from salpchain.experiments import process
+from salpchain.experiments.sweep import RETRIES, End, Task
 from salpchain.files import StrPath
 from salpchain.installation import install_command
 
