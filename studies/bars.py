@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from salpchain.cluster.grid import Job, read_grid
-from salpchain.cluster.results import is_trained, run_of
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
+from salpchain.paper.grid import Job, read_grid
+from salpchain.paper.results import is_trained, run_of
 from studies import add_part, program
 
 SEED = 2002  # of the starts that judge (chosen)

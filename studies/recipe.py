@@ -17,9 +17,9 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from salpchain.cluster.grid import Grid, Job, claim
-from salpchain.cluster.results import is_done
 from salpchain.errors import InputError
+from salpchain.paper.grid import Grid, Job, claim
+from salpchain.paper.results import is_done
 
 FIRST = ("gcn-mixed-8", "mlp-8", "gt-mixed-8", "gatv2-mixed-8", "gcn-full-8", "gcn-mixed-16")
 
@@ -41,7 +41,7 @@ def work(folder: Path, jobs: list[Job], number: int) -> None:
         return
     name = jobs[number].name if number < len(jobs) else "baseline"
     print(f"{name}: begins", flush=True)
-    command = [sys.executable, "-m", "salpchain.cluster.job", str(folder), str(number), "1"]
+    command = [sys.executable, "-m", "salpchain.paper.job", str(folder), str(number), "1"]
     status = subprocess.run(command).returncode
     print(f"{name}: {'done' if status == 0 else f'stopped with status {status}'}", flush=True)
 

@@ -9,8 +9,8 @@ import pytest
 import salpchain
 from salpchain.interop.export import export
 from salpchain.interop.network import load_torch
+from salpchain.paper.pages import Report, write_report
 from salpchain.report import figures
-from salpchain.report.pages import Report, write_report
 from salpchain.report.picture import chains_picture
 from salpchain.report.replay import write_replay
 from salpchain.report.video import Film, write_video

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 
 import studies
-from salpchain.cluster.grid import Grid, claim
-from salpchain.cluster.results import run_of
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.files import write_json
+from salpchain.paper.grid import Grid, claim
+from salpchain.paper.results import run_of
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
 from studies import bars, budget, factors, short, transfer

@@ -19,11 +19,11 @@ from salpchain.cli.options import (
 )
 from salpchain.cli.settings import Sets
 from salpchain.cli.streams import say
-from salpchain.cluster.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import alone
 from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
+from salpchain.paper.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
 from salpchain.tasks.reach.config import one_of
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def run(options: Reproduce) -> int:
     resources = _resources(options)
     check_folder(folder, grid)
     if options.dry_run:
-        from salpchain.cluster.cost import plan
+        from salpchain.paper.cost import plan
 
         print(plan(grid, resources.jobs, *_left(folder, grid)))
         return 0
@@ -96,7 +96,7 @@ def _left(folder: Path, grid: Grid) -> tuple[list[Job], bool]:
     """The jobs that are not done, and whether the baseline's tests are not."""
     if not folder.exists():
         return grid.jobs(), True
-    from salpchain.cluster.results import baseline_untested, is_done
+    from salpchain.paper.results import baseline_untested, is_done
 
     left = [job for job in grid.jobs() if not is_done(folder, job)]
     return left, bool(baseline_untested(folder, grid))
@@ -159,9 +159,9 @@ def _names(option: str, text: str, order: Sequence[str]) -> tuple[str, ...]:
 
 def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -> int:
     from salpchain.cli.display import sweep_display
-    from salpchain.cluster.outcome import write_outcome
-    from salpchain.cluster.results import set_damaged_aside
     from salpchain.experiments.sweep import sweep
+    from salpchain.paper.report import write_outcome
+    from salpchain.paper.results import set_damaged_aside
 
     try:
         executor, together = _executor(folder, options, resources)

@@ -1,6 +1,6 @@
 """Jobs as Ray tasks, on one machine or on a cluster whose nodes share the study's folder.
 
-A task runs the same process as `local` does (`salpchain.cluster.job`), so that a job that crashes
+A task runs the same process as `local` does (`salpchain.paper.job`), so that a job that crashes
 takes no worker with it. Ray starts a task again when its worker or node dies; its jobs go on from
 their checkpoints.
 """

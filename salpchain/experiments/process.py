@@ -24,7 +24,7 @@ def start(
     """
     log = _log(folder, task)
     log.parent.mkdir(parents=True, exist_ok=True)
-    words = [sys.executable, "-m", "salpchain.cluster.job", str(folder), _numbers(task)]
+    words = [sys.executable, "-m", "salpchain.paper.job", str(folder), _numbers(task)]
     own = compilation_cache.is_off() or compilation_cache.set_by_user()
     cache = {} if own else {compilation_cache.JAX_FOLDER: str(Path(folder) / CACHE)}
     environment = {**os.environ, **cache, **(extra or {})}

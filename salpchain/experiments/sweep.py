@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from salpchain.cluster.cost import baseline_cost, test_cost, train_cost
-from salpchain.cluster.grid import Grid, Job
-from salpchain.cluster.results import baseline_untested, is_done, trained_share, untested
 from salpchain.files import StrPath
 from salpchain.machine import cores
+from salpchain.paper.cost import baseline_cost, test_cost, train_cost
+from salpchain.paper.grid import Grid, Job
+from salpchain.paper.results import baseline_untested, is_done, trained_share, untested
 
 LOOK_EVERY = 1.0  # s between two looks at the jobs (chosen)
 RETRIES = 2  # of a job whose process died without a word (chosen)

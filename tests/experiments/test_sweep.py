@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from salpchain.cluster.grid import Grid
-from salpchain.cluster.results import run_of
 from salpchain.experiments import sweep as module
 from salpchain.experiments.sweep import RETRIES, End, sweep
+from salpchain.paper.grid import Grid
+from salpchain.paper.results import run_of
 
 GRID = Grid(models=("gcn",), graphs=("mixed", "full"), lengths=(8,), seeds=2, tests=(4,))
 

@@ -1,6 +1,6 @@
 """Jobs of a study as a process of their own: trains or goes on training, then tests.
 
-python -m salpchain.cluster.job FOLDER NUMBER[,NUMBER...] [DEVICES]
+python -m salpchain.paper.job FOLDER NUMBER[,NUMBER...] [DEVICES]
 
 NUMBER counts the grid's jobs; the one past them is the baseline's tests. Several jobs are seeds of
 one configuration, which train side by side. Whatever is whole already is left as it is.
@@ -12,8 +12,6 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from salpchain.cluster.grid import TEST_SEED, Grid, Job, read_grid
-from salpchain.cluster.results import baseline_untested, is_trained, run_of, untested
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.policy import Controller
 from salpchain.controllers.storage import load
@@ -21,6 +19,8 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate_limits
 from salpchain.files import StrPath
+from salpchain.paper.grid import TEST_SEED, Grid, Job, read_grid
+from salpchain.paper.results import baseline_untested, is_trained, run_of, untested
 from salpchain.training.run_log import NotFiniteError, Progress
 from salpchain.training.trainer import train_together
 

@@ -14,7 +14,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import paper_normalised
 from salpchain.files import StrPath
-from salpchain.report.study import HELD, Entry, episode_return, zero_shot_table
+from salpchain.paper.tables import HELD, Entry, episode_return, zero_shot_table
 from salpchain.report.style import GREY, LOOKS, STYLE, legend_below, save
 
 WINDOW = 200  # data points of the paper's moving average

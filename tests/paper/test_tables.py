@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from salpchain.report.beside import beside_figure_3, beside_figure_4
-from salpchain.report.claims import facts, judge, success_at_end
-from salpchain.report.pages import Report, Table, write_report
-from salpchain.report.paper_figures import figure_3, figure_4, interval_half, normalised_curves
-from salpchain.report.reference import AT, FIGURE_3, FIGURE_4
-from salpchain.report.study import (
+from salpchain.paper.claims import facts, judge, success_at_end
+from salpchain.paper.comparison import beside_figure_3, beside_figure_4
+from salpchain.paper.figures import figure_3, figure_4, interval_half, normalised_curves
+from salpchain.paper.pages import Report, Table, write_report
+from salpchain.paper.reference import AT, FIGURE_3, FIGURE_4
+from salpchain.paper.tables import (
     Entry,
     breakpoint_of,
     episode_return,

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from salpchain.files import StrPath, write_text
-from salpchain.report.claims import ABOUT_CLAIMS, Claim
+from salpchain.paper.claims import ABOUT_CLAIMS, Claim
 
 # A cell that holds a number: with a unit, a spread or one beside it at the most.
 NUMBER = re.compile(r"-|-?[\d.,]+( %| min)?( \([^)]*\))?|(-|[\d.]+) / (-|[\d.]+)")

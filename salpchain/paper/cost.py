@@ -5,9 +5,9 @@ Imports nothing heavy: a plan is printed at once.
 
 from collections.abc import Sequence
 
-from salpchain.cluster.grid import Grid, Job
 from salpchain.evaluation.config import SLOTS
 from salpchain.machine import cores, jobs_that_fit
+from salpchain.paper.grid import Grid, Job
 from salpchain.tasks.reach.config import step_limit
 
 # Microseconds of one core for each unit (from trainings at 8 and 16 units, one on each of the two

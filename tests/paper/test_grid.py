@@ -5,8 +5,8 @@ from dataclasses import asdict
 
 import pytest
 
-from salpchain.cluster.grid import Grid, check_folder, claim, read_grid
 from salpchain.errors import InputError
+from salpchain.paper.grid import Grid, check_folder, claim, read_grid
 
 
 def test_the_papers_grid_has_14_configurations_and_tests_each_as_the_paper_does():

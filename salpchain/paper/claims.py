@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from salpchain.report.reference import AT, FIGURE_3, FIGURE_4
-from salpchain.report.study import HELD, Entry, breakpoint_of, zero_shot_table
+from salpchain.paper.reference import AT, FIGURE_3, FIGURE_4
+from salpchain.paper.tables import HELD, Entry, breakpoint_of, zero_shot_table
 
 LAST = 0.1  # share of a training over which its end is averaged (chosen)
 TIE = 0.01  # lead in success that tells nothing (chosen)

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.report.pages import Table
-from salpchain.report.paper_figures import normalised_curves
-from salpchain.report.reference import AT, FIGURE_3, FIGURE_4
-from salpchain.report.study import Entry, zero_shot_table
+from salpchain.paper.figures import normalised_curves
+from salpchain.paper.pages import Table
+from salpchain.paper.reference import AT, FIGURE_3, FIGURE_4
+from salpchain.paper.tables import Entry, zero_shot_table
 
 SHOWN = (16, 24, 32, 40)  # units, of the table of Figure 4
 

@@ -9,10 +9,10 @@ import time
 
 import pytest
 
-from salpchain.cluster.grid import Grid, claim
-from salpchain.cluster.results import run_of
 from salpchain.errors import InputError
 from salpchain.experiments.sweep import sweep
+from salpchain.paper.grid import Grid, claim
+from salpchain.paper.results import run_of
 
 OPTIONS = {
     "models": "mlp", "lengths": "2", "seeds": "2", "steps": "160000", "trials": "2", "tests": "2",

@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from salpchain.cluster.grid import Grid
-from salpchain.cluster.outcome import write_outcome
-from salpchain.cluster.results import run_of
+from salpchain.paper.grid import Grid
+from salpchain.paper.report import write_outcome
+from salpchain.paper.results import run_of
 from salpchain.training.run_folder import create
 from tests.web.browser import open_browser, shoot, watched
 

@@ -6,15 +6,15 @@ import shutil
 import numpy as np
 import pytest
 
-from salpchain.cluster.grid import Grid
-from salpchain.cluster.results import (
+from salpchain.files import write_arrays
+from salpchain.paper.grid import Grid
+from salpchain.paper.results import (
     is_trained,
     run_of,
     set_damaged_aside,
     trained_share,
     untested,
 )
-from salpchain.files import write_arrays
 from salpchain.training.run_folder import create
 
 GRID = Grid(models=("gcn",), graphs=("mixed",), lengths=(8,), seeds=2, steps=40960, tests=(4,))

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from salpchain.cluster.grid import Grid, Job
 from salpchain.controllers.storage import POLICY_FILE
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import StrPath, read_arrays, read_json
+from salpchain.paper.grid import Grid, Job
 from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.run_folder import METRICS_FILE, SUMMARY_FILE, is_free, read_config, read_log
 

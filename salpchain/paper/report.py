@@ -10,16 +10,16 @@ from typing import Any
 
 import pandas as pd
 
-from salpchain.cluster.grid import Grid, Job
-from salpchain.cluster.results import is_trained, run_of, untested
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import StrPath, read_json, write_json, write_text
-from salpchain.report.beside import beside_figure_3, beside_figure_4
-from salpchain.report.claims import Claim, facts, judge
-from salpchain.report.pages import Report, Table, write_report
-from salpchain.report.paper_figures import figure_3, figure_4
-from salpchain.report.study import Entry, breakpoint_of, reach_of, zero_shot_table
+from salpchain.paper.claims import Claim, facts, judge
+from salpchain.paper.comparison import beside_figure_3, beside_figure_4
+from salpchain.paper.figures import figure_3, figure_4
+from salpchain.paper.grid import Grid, Job
+from salpchain.paper.pages import Report, Table, write_report
+from salpchain.paper.results import is_trained, run_of, untested
+from salpchain.paper.tables import Entry, breakpoint_of, reach_of, zero_shot_table
 from salpchain.training.run_folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 
 REPORT = "report"

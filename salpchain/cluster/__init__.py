@@ -1,1 +1,0 @@
-"""Many runs: the paper's grid, on this machine or on a cluster."""
