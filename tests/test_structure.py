@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "salpchain"
-ROOMS = ["physics", "domain", "control", "evaluation", "training", "report", "interop", "web"]
-ROOMS += ["cluster", "cli"]
+ROOMS = ["physics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
+ROOMS += ["interop", "web", "paper", "experiments", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"compilation_cache", "devices", "errors", "files", "installation", "machine", "trees"}
 GROUND |= {"forks", "switches", "xla"}

@@ -1,0 +1,1 @@
+"""Controllers: policies and their files, hand-written and planning controllers."""

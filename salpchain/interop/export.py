@@ -11,7 +11,7 @@ from salpchain.controllers.storage import network_shapes
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.interop import FORMATS
-from salpchain.tasks.features import metadata
+from salpchain.interop.metadata import metadata
 from salpchain.tasks.reach.config import one_of
 from salpchain.trees import to_arrays
 

@@ -6,11 +6,11 @@ from salpchain import __version__
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.files import StrPath, write_bytes
 from salpchain.interop.extras import need
+from salpchain.interop.metadata import metadata
 from salpchain.networks.actor_critic import GraphActorCritic
 from salpchain.networks.gt import GT
 from salpchain.networks.layers import Layers
 from salpchain.networks.mlp import MLP
-from salpchain.tasks.features import metadata
 from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
 
 onnx = need("onnx", "onnx")

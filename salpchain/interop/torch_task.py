@@ -1,6 +1,6 @@
 """The task in torch, for batches of whole chains: spawn, target, observation, Frechet distance.
 
-The same numbers as `salpchain.domain` gives; arrays are (env, unit, ...). For those who stay in
+The same numbers as `salpchain.tasks` gives; arrays are (env, unit, ...). For those who stay in
 torch, such as the VMAS scenario.
 """
 

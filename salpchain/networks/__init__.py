@@ -1,0 +1,1 @@
+"""Graph networks: graphs over a chain, their layers, actor and critic."""

@@ -3,10 +3,7 @@
 `tasks/observations.py` computes the numbers, in this order.
 """
 
-import json
 from dataclasses import asdict, dataclass, replace
-
-from salpchain.controllers.policy import PolicyCard
 
 CONTROL_STEP = 0.1  # s
 UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)
@@ -94,23 +91,3 @@ ACTIONS = {
 def as_rows(observation: str) -> list[dict[str, str]]:
     """The layout of an observation as plain values for JSON."""
     return [asdict(field) for field in LAYOUTS[observation]]
-
-
-def metadata(card: PolicyCard) -> dict[str, str]:
-    """What one must know to run the policy; lists and tables as JSON."""
-    single = card.control.model == "mlp"
-    return {
-        "name": card.name,
-        "model": card.control.model,
-        "graph": card.control.graph,
-        "improved": json.dumps(card.control.improved),
-        "depth": str(card.control.depth),
-        "training_lengths": json.dumps(card.lengths or (card.length,)),
-        "serves_units": str(card.length) if single else "any",
-        "observation": card.observation,
-        "observation_layout": json.dumps(as_rows(card.observation)),
-        "action": card.action,
-        "action_meaning": ACTIONS[card.action],
-        "thrust_unit": "N along the unit's heading (its angle + 90 degrees)",
-        "control_step_seconds": str(CONTROL_STEP),
-    }
