@@ -11,7 +11,8 @@ PACKAGE = Path(__file__).parent.parent / "salpchain"
 ROOMS = ["physics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
 ROOMS += ["interop", "web", "paper", "experiments", "cli"]
 # Files at the bottom, importable by all.
-GROUND = {"compilation_cache", "devices", "errors", "files", "installation", "machine", "trees"}
+GROUND = {"archive", "compilation_cache", "devices", "errors", "files", "installation"}
+GROUND |= {"machine", "trees"}
 GROUND |= {"forks", "switches", "xla"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}

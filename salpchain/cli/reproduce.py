@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from salpchain.archive import restore
 from salpchain.cli.options import (
     Flag,
     Folder,
@@ -84,6 +85,8 @@ def run(options: Reproduce) -> int:
     folder = Path(options.out)
     resources = _resources(options)
     check_folder(folder, grid)
+    if number := restore(folder):
+        say(f"unpacked {number} files of results in {folder}")
     if options.dry_run:
         from salpchain.paper.cost import plan
 
