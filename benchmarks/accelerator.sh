@@ -29,6 +29,6 @@ case "${1:-}" in
   learning) timeout 590 python3 -m benchmarks.learning --name gpu --overwrite ;;
   train) timeout 590 python3 -m benchmarks.training --seeds 5 --runs "$out/benchmark" --name gpu --overwrite ;;
   study) go_on study python3 -m salpchain.cli.main reproduce --preset paper --seeds 3 --out runs/study ;;
-  budget) go_on budget python3 -m studies.budget runs/budget "ten times the steps" ;;
+  budget) go_on budget python3 -m studies.budget.run runs/budget "ten times the steps" ;;
   *) echo "usage: benchmarks/accelerator.sh speed|learning|train|study|budget" >&2; exit 2 ;;
 esac

@@ -21,6 +21,8 @@ from salpchain.training.config import TrainConfig
 from salpchain.training.trainer import resume, train
 
 ABOUT_FILE = "about.json"
+REPORT_FILE = "report.md"
+RESULTS = "results"  # folder beside the report
 
 _claimed: set[Path] = set()  # folders of this process, until it ends
 _held = ExitStack()
@@ -40,6 +42,20 @@ def program(name: str, main: Callable[[], None], about: str | None) -> None:
     except KeyboardInterrupt:
         print(f"studies.{name}: stopped; the same command goes on", file=sys.stderr)
         sys.exit(130)
+
+
+def results_of(out: Path) -> Path:
+    """OUT/results, where the results of a study in OUT lie.
+
+    Raises:
+        InputError: they lie in OUT itself.
+    """
+    if (out / ABOUT_FILE).exists():
+        raise InputError(
+            f"{out} holds results itself, where a study has them in {RESULTS}/: give the folder"
+            f" above it, or move all but {REPORT_FILE} to {out / RESULTS}"
+        )
+    return out / RESULTS
 
 
 def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) -> None:

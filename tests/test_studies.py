@@ -1,14 +1,19 @@
 """The programs in `studies/`, on little work."""
 
 import dataclasses
+import shutil
 import sys
 from importlib import import_module
+from multiprocessing.pool import ThreadPool
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import studies
+from salpchain.archive import ARCHIVE, check
+from salpchain.cli.main import run as command_line
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
@@ -17,8 +22,98 @@ from salpchain.paper.grid import Grid, claim
 from salpchain.paper.results import run_of
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
-from studies import bars, budget, factors, short, transfer
+from studies.bars import run as bars
+from studies.budget import run as budget
+from studies.factors import run as factors
+from studies.short import run as short
+from studies.transfer import run as transfer
+from tests.documents import ROOT
 from tests.interop.policies import fresh
+
+
+def in_files(folder):
+    """What the repository keeps of a study; neither unpacked runs nor what hangs on versions."""
+    paths = [*folder.glob("*.md"), *folder.glob("results/[!.]*"), *folder.glob("results/report/*")]
+    drawn = {".png", ".pdf", ".html", ".json"}
+    files = [path for path in paths if path.is_file() and path.suffix not in drawn]
+    return {path.relative_to(folder): path.read_bytes() for path in files}
+
+
+# Words after the program's name; the folder of the study itself is OUT.
+COMMITTED = {
+    "factors": ["OUT"],
+    "budget": ["OUT", "any-length"],
+    "short": ["any-length", "OUT"],
+    "transfer": ["any-length", "OUT"],
+    "bars": ["PAPER", "OUT"],
+}
+# What is made again of raw results that are packed; of others only their report.
+MADE = {
+    "factors": ["report.md", "results/factors.csv"],
+    "budget": ["report.md", "results/budget.csv"],
+    "paper": [
+        "results/report/report.md",
+        "results/report/training.csv",
+        "results/report/zero-shot-fixed.csv",
+        "results/report/zero-shot-scaled.csv",
+    ],
+}
+
+
+def packed(name, folder):
+    """A copy of what the repository keeps of a study, without what it makes of its results."""
+    ignored = shutil.ignore_patterns("seed-*", "greedy")
+    shutil.copytree(ROOT / "studies" / name, folder / name, ignore=ignored)
+    for path in MADE.get(name, ["report.md"]):
+        (folder / name / path).unlink()
+    return folder / name
+
+
+def works(*_, **__):
+    raise AssertionError("what is done is done again")
+
+
+@pytest.mark.parametrize("name", COMMITTED)
+def test_a_study_finds_what_the_repository_keeps_done_and_makes_the_same_report(
+    name, tmp_path, monkeypatch
+):
+    """So every number of its tables is that of the raw results."""
+    out = packed(name, tmp_path)
+    words = {"OUT": str(out), "PAPER": str(packed("paper", tmp_path) / "results")}
+    monkeypatch.setattr(sys, "argv", [name, *(words.get(word, word) for word in COMMITTED[name])])
+    module = import_module(f"studies.{name}.run")
+    for work in ("train_or_go_on", "train_together", "evaluate", "run_trials", "make_env"):
+        monkeypatch.setattr(module, work, works, raising=False)
+    here = SimpleNamespace(Pool=lambda *_, **__: ThreadPool(1))
+    monkeypatch.setattr(factors, "get_context", lambda _: here)
+    module.main()
+    assert in_files(out) == in_files(ROOT / "studies" / name)
+
+
+def test_the_papers_study_is_found_done_and_makes_the_same_tables(tmp_path, monkeypatch, capsys):
+    out = packed("paper", tmp_path)
+    words = ["reproduce", "--preset", "quick", "--seeds", "3", "--out", str(out / "results")]
+    assert command_line([*words, "--dry-run"]) == 0
+    assert "42 of 42 runs are done" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["paper", str(out)])
+    with pytest.raises(SystemExit) as end:
+        import_module("studies.paper.run").main()
+    assert end.value.code == 0
+    assert in_files(out) == in_files(ROOT / "studies" / "paper")
+
+
+def test_the_archives_of_the_repository_are_whole():
+    found = sorted((ROOT / "studies").glob(f"*/results/{ARCHIVE}"))
+    assert {path.parent.parent.name: check(path.parent)[0] for path in found} == {
+        "budget": 9, "factors": 336, "paper": 212,
+    }  # fmt: skip
+
+
+def test_results_in_the_folder_of_the_report_are_not_begun_again(tmp_path):
+    (tmp_path / "about.json").write_text("{}")
+    with pytest.raises(InputError, match=r"results itself, .* move all but report\.md to"):
+        transfer.study(fresh(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["about.json"]
 
 
 def test_a_policy_swims_in_vmas_as_it_does_here_and_a_stopped_study_goes_on(tmp_path, monkeypatch):
@@ -36,7 +131,7 @@ def test_a_policy_swims_in_vmas_as_it_does_here_and_a_stopped_study_goes_on(tmp_
     for _ in range(2):
         transfer.study(fresh(), tmp_path, trials=4)
     assert played == [("nothing", 3, 4)]
-    frame = pd.read_csv(tmp_path / "vmas.csv")
+    frame = pd.read_csv(tmp_path / "results" / "vmas.csv")
     assert len(frame) == 8
     there, here = (frame[frame.engine == name] for name in ("VMAS", "ours"))
     assert (there.success.to_numpy() == here.success.to_numpy()).all()
@@ -73,7 +168,7 @@ def test_what_is_trained_and_tested_is_not_done_again_and_is_reported(tmp_path, 
     for _ in range(2):
         factors.study(tmp_path, 2)
     assert done == [(name, seed) for seed in (0, 1) for name in ("base", "no-entropy")]
-    assert (tmp_path / "factors.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "results" / "factors.png").read_bytes().startswith(b"\x89PNG")
     assert (
         "| no entropy | 2 | 50 (50 to 50) | 100 (100 to 100) |"
         in (tmp_path / "report.md").read_text()
@@ -132,6 +227,12 @@ def test_a_damaged_file_of_results_is_one_line_and_stays(content, tmp_path):
         ("budget", ["OUT", "nobody"], "ways if not all: any-length, ten"),
         ("release", ["nobody"], "name a policy to make"),
         ("release", ["paper-gcn-8", "/proc/x"], "/proc/x"),
+        ("bars", ["STUDY"], "give a study and a folder"),
+        ("bars", ["STUDY", "OUT"], "it has no grid.json"),
+        ("transfer", ["any-length"], "give a policy and a folder"),
+        ("paper", [], "give a folder"),
+        ("recipe", [], "give a folder"),
+        ("recipe", ["OUT", "many"], "how many workers"),
     ],
 )
 def test_a_program_says_what_is_wrong_in_one_line(
@@ -139,7 +240,7 @@ def test_a_program_says_what_is_wrong_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [program, *words])
-    module = import_module(f"studies.{program}")
+    module = import_module(f"studies.{program}.run")
     with pytest.raises(SystemExit) as end:
         studies.program(program, module.main, module.__doc__)
     assert end.value.code == 2
@@ -151,7 +252,7 @@ def test_a_program_says_what_is_wrong_in_one_line(
 def test_a_program_tells_what_it_does(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["factors", "--help"])
     studies.program("factors", factors.main, factors.__doc__)
-    assert "python -m studies.factors OUT [SEEDS]" in capsys.readouterr().out
+    assert "python -m studies.factors.run OUT [SEEDS]" in capsys.readouterr().out
 
 
 def test_the_report_says_what_a_change_buys_with_the_interval_of_welch():
@@ -293,9 +394,9 @@ def test_runs_on_mixed_are_tested_at_their_length_and_those_of_the_longest_beyon
     monkeypatch.setattr(bars, "load", lambda run: f"{run.parent.name}/{run.name}")
     monkeypatch.setattr(bars, "run_trials", trials)
     for _ in range(2):
-        bars.study(tmp_path)
+        bars.study(tmp_path, tmp_path / "bars")
     eight = [(f"gcn-mixed-8/seed-{seed}", 8) for seed in (0, 1)]
     sixteen = [("gcn-mixed-16/seed-0", n) for n in (16, 96, 128)]
     assert sorted(played) == sorted([*eight, *sixteen])
     row = "| gcn-mixed-8 | 8 | fixed | 2 x 200 | 50.0 (50.0 to 50.0) | 85.0 (85.0 to 85.0) |"
-    assert row in (tmp_path / "bars.md").read_text()
+    assert row in (tmp_path / "bars" / "report.md").read_text()

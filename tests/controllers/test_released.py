@@ -14,7 +14,7 @@ from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 
 CARD = {
-    "about": "a small one", "command": "python -m studies.release tiny", "limits": "all",
+    "about": "a small one", "command": "python -m studies.release.run tiny", "limits": "all",
     "licence": "Apache-2.0", "trials": 200, "training_lengths": [8], "steps": 1000, "minutes": 0.1,
     "seed": 2001, "time_limit": "scaled",
     "measured": [{"length": 8, "success": 0.985, "interval": [0.95, 0.99],
@@ -47,7 +47,7 @@ def test_models_lists_it_and_shows_its_card(tiny, tmp_path, capsys):
     assert run(["models", "tiny"]) == 0
     page = capsys.readouterr().out
     assert (
-        "made by: python -m studies.release tiny" in page
+        "made by: python -m studies.release.run tiny" in page
         and "98.5 [95, 99]      97.0           93.5" in page
     )
     assert "trained on: 8 units, 1,000 steps, 0.1 minutes" in page
