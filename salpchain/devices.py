@@ -8,7 +8,9 @@ from jax.sharding import AxisType, Mesh
 
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
+from salpchain.given import whole
 from salpchain.machine import cores, processor
+from salpchain.starting import check_can_compute
 
 AXIS = "devices"  # the mesh axis over which chains are shared out
 LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
@@ -29,19 +31,30 @@ def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
             forked after JAX had started.
     """
     check_not_forked()
-    if count is not None and (type(count) is not int or count < 1):
-        raise InputError(f"devices must be a whole number, 1 or more, got {count!r}")
+    count = None if count is None else whole("devices", count, least=1)
     if LOOP_OPTION not in os.environ.get("XLA_FLAGS", ""):
         flag = f"--xla_backend_extra_options={LOOP_OPTION}={LOOP_BYTES}"
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
     with contextlib.suppress(RuntimeError):  # JAX has started: its devices are what they are
         jax.config.update("jax_num_cpu_devices", count or cores())
+    check_can_compute()
     there = jax.local_device_count()
     if jax.default_backend() != "cpu":
         jax.config.update("jax_default_matmul_precision", "highest")
     if count is not None and there < count and not or_fewer:
-        raise InputError(f"{count} devices were asked for, but only {there} are available")
+        are = f"{there} is" if there == 1 else f"{there} are"
+        raise InputError(f"{count} devices were asked for, but {are} there: {_remedy(count)}")
     return min(count or there, there)
+
+
+def _remedy(count: int) -> str:
+    """How there would be so many devices."""
+    if jax.default_backend() != "cpu":
+        return "give as many as there are, or leave devices out"
+    return (
+        f'jax.config.update("jax_num_cpu_devices", {count}) before the first computation makes as'
+        f" many of a CPU, and so does JAX_NUM_CPU_DEVICES={count} in the environment"
+    )
 
 
 def largest_divisor(number: int, most: int) -> int:

@@ -6,3 +6,8 @@ class InputError(ValueError):
 
     The command line prints it as one line and exits with status 2.
     """
+
+    def __init__(self, message: object = "", *, python: str = "", shell: str = "") -> None:
+        """The message may end with what to do: in Python, or else on the command line."""
+        super().__init__(f"{message}{python}")
+        self.typed = f"{message}{shell}"  # what the command line prints

@@ -14,6 +14,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from salpchain import given
 from salpchain.errors import InputError
 
 try:
@@ -33,10 +34,16 @@ def write_bytes(path: StrPath, content: bytes) -> None:
     """The file with this content, or, if that fails, as it was before.
 
     Raises:
-        OSError: the folder is missing or not writable, or the disk is full.
+        InputError: no path; there is no such folder, or a folder of this name.
+        OSError: the folder is not writable, or the disk is full.
     """
+    path = given.path("path", path)
+    if not path.parent.is_dir():
+        raise InputError(f"no such folder: {path.parent} (make it, then write {path.name} there)")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder: give the name of a file")
     try:
-        _write_beside(Path(path), content)
+        _write_beside(path, content)
     except OSError as error:  # about the file that was asked for, not the one beside it
         raise OSError(error.errno, error.strerror, str(path)) from None
 

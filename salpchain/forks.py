@@ -30,14 +30,14 @@ def check_not_forked() -> None:
         raise InputError(REMEDY)
 
 
-def _jax_started() -> bool:
+def jax_started() -> bool:
     """Whether JAX has started its threads; without its lock, which a fork may leave taken."""
     return bool(getattr(sys.modules.get("jax._src.xla_bridge"), "_backends", None))
 
 
 def _after_fork() -> None:
     """In the new process, before anything else runs there."""
-    _state["broken"] = _state["broken"] or _jax_started()
+    _state["broken"] = _state["broken"] or jax_started()
 
 
 def _imported_too_late() -> bool:
@@ -47,7 +47,7 @@ def _imported_too_late() -> bool:
     counts them.
     """
     threads = Path("/proc/self/task")
-    return _jax_started() and threads.is_dir() and len(list(threads.iterdir())) == 1
+    return jax_started() and threads.is_dir() and len(list(threads.iterdir())) == 1
 
 
 _state = {"broken": _imported_too_late()}

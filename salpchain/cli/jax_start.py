@@ -6,8 +6,8 @@ import subprocess
 import sys
 
 from salpchain.errors import InputError
+from salpchain.starting import advice
 
-PLATFORMS = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 XLA = "XLA_FLAGS"
 # Enough to have XLA read its flags; where one is wrong it ends the process.
 _READ_FLAGS = "from jaxlib import xla_client; xla_client.CompileOptions()"
@@ -46,12 +46,4 @@ def why_it_fails() -> str | None:
     asked = subprocess.run(
         [sys.executable, "-c", _START], capture_output=True, text=True, check=False
     )
-    return _advice(" ".join(asked.stdout.split())) if asked.returncode == _REFUSED else None
-
-
-def _advice(reason: str) -> str:
-    for name in PLATFORMS:
-        if asked := os.environ.get(name):
-            what = re.sub(r"\.? \(set JAX_PLATFORMS=.*?\)", "", reason) or "there is none here"
-            return f"JAX cannot start with {name}={asked}: {what} (unset {name}, or {name}=cpu)"
-    return f"JAX cannot start: {reason}"
+    return advice(" ".join(asked.stdout.split())) if asked.returncode == _REFUSED else None

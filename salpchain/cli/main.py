@@ -102,7 +102,7 @@ def run(arguments: list[str]) -> int:
         print("salpchain: interrupted", file=sys.stderr)
         return 130
     except InputError as error:
-        return _fail(str(error))
+        return _fail(error.typed)
     except OSError as error:
         where = f": {error.filename}" if error.filename else ""
         advice = ADVICE.get(error.errno or 0, "")

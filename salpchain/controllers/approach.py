@@ -57,6 +57,9 @@ class Approach(eqx.Module):
     observation: str = eqx.field(static=True, default="body")
     action: str = eqx.field(static=True, default="thrust")
 
+    def __check_init__(self) -> None:
+        _ = self.card  # is refused with an unknown observation or action
+
     @property
     def card(self) -> PolicyCard:
         """Works at any length; was never trained."""

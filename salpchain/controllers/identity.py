@@ -11,21 +11,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from salpchain.controllers import named
 from salpchain.controllers.policy import Controller, Policy, PolicyCard
-from salpchain.files import Arrays
+from salpchain.files import Arrays, StrPath
 from salpchain.networks.config import ControlConfig
 from salpchain.trees import to_arrays
 
 DIGITS = 16  # hexadecimal: no two of a million controllers share them by chance
 
 
-def identity(controller: Controller) -> str:
+def identity(controller: Controller | StrPath) -> str:
     """16 hexadecimal digits that differ for controllers that act differently.
 
     Of a policy they follow from its weights, its network's settings, its observation and its
     action; its name and how long it was trained do not count. Of any other controller, from its
     name, its class and all that its attributes hold; one that knows better has a text `identity`.
+
+    Raises:
+        InputError: no controller, nor the name or path of one.
     """
+    controller = named.controller(controller)
     if isinstance(controller, Policy):
         return identity_of_weights(controller.card, to_arrays(controller.network))
     own = getattr(controller, "identity", None)

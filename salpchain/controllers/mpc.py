@@ -16,10 +16,15 @@ import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.controllers.greedy import as_action
+from salpchain.controllers.named import controller
 from salpchain.controllers.policy import Controller, PolicyCard
+from salpchain.errors import InputError
+from salpchain.files import StrPath
+from salpchain.given import instance, is_scalar, told, whole
 from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics
 from salpchain.switches import standard_promotion
+from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD, State
@@ -60,18 +65,30 @@ class MPC(eqx.Module):
     shrink: float = 0.5  # of the noise from round to round
     late: float = 6.0  # weight of where a plan ends, in control steps
 
+    def __check_init__(self) -> None:
+        _ = self.card  # is refused with an unknown observation or action
+        instance("physics", self.physics, Physics, "a Physics")
+        if self.guide is not None:
+            controller(self.guide)
+        for name, least in {"samples": 1, "elites": 1, "rounds": 0, "knots": 2, "every": 1}.items():
+            whole(name, getattr(self, name), least)
+        for name in ("noise", "shrink", "late"):
+            if not is_scalar(getattr(self, name)):
+                raise InputError(f"{name} must be a number, got {told(getattr(self, name))}")
+
     @property
     def card(self) -> PolicyCard:
         """Works at any length; was never trained."""
         return PolicyCard(name="mpc", observation=self.observation, action=self.action)
 
     @classmethod
-    def guided(cls, guide: Controller) -> "MPC":
+    def guided(cls, guide: Controller | StrPath) -> "MPC":
         """The planner that looks for something better near what the guide would do.
 
         Never seen slower than the guide, and the nearest to an oracle for short chains that there
         is here; it takes the single best plan of each round, and starts with smaller changes.
         """
+        guide = controller(guide)
         card = guide.card
         return cls(
             guide=guide, observation=card.observation, action=card.action, elites=1, noise=NEAR
@@ -85,12 +102,15 @@ class MPC(eqx.Module):
     @standard_promotion
     def begin(self, state: State) -> Plan:
         """A plan before the first step: no thrust."""
+        check_state(state, "begin")
         nothing = jnp.zeros((self.horizon, state.thrust.shape[0]))
         return Plan(nothing, jr.fold_in(state.key, PLAN_STREAM))
 
     @standard_promotion
     def plan(self, state: State, plan: Plan) -> tuple[Float[Array, "unit act"], Plan]:
         """The first thrusts of the best plan found, and that plan one control step later."""
+        check_state(state, "plan")
+        instance("plan", plan, Plan, "what begin or plan gave")
         next_key, *keys = jr.split(plan.key, self.rounds + 1)
         best = plan.thrusts
         if self.guide is not None:

@@ -1,12 +1,13 @@
 """Controllers by name or path, as every command takes them. Imports nothing heavy until asked."""
 
+import os
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.files import StrPath
+from salpchain.given import told
 
 if TYPE_CHECKING:
     from salpchain.controllers.policy import Controller
@@ -48,10 +49,34 @@ def load(source: StrPath) -> "Controller":
     if isinstance(source, str) and source in WRITTEN:
         written = WRITTEN[source]
         return getattr(import_module(written.module), written.kind)()
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(f"load takes {_sources()}, got {told(source)}")
     check_there(source)
     from salpchain.controllers import storage
 
     return storage.load(source)
+
+
+def controller(meant: "Controller | StrPath") -> "Controller":
+    """The controller that is meant: this one, or the one of this name or path.
+
+    Raises:
+        InputError: it is none; or as `load`.
+    """
+    if isinstance(meant, str | os.PathLike):
+        return load(meant)
+    from salpchain.controllers.policy import PolicyCard
+
+    card, act = getattr(meant, "card", None), getattr(meant, "act", None)
+    if isinstance(meant, type) or not isinstance(card, PolicyCard) or not callable(act):
+        raise InputError(
+            f"a controller is {_sources()}, or an object with a card and an act, got {told(meant)}"
+        )
+    return meant
+
+
+def _sources() -> str:
+    return f"the path of a run or a policy, or one of {', '.join(names())}"
 
 
 def is_name(source: StrPath) -> bool:
@@ -91,12 +116,8 @@ def check_live(source: str) -> None:
 
 
 def check_there(source: StrPath) -> None:
-    """Nothing, if this names a controller or is a path that exists.
-
-    Raises:
-        InputError: neither; the message lists the names.
-    """
-    if not is_name(source) and not Path(source).exists():
+    """Raise InputError unless this names a controller or is a path that exists."""
+    if not is_name(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
         raise InputError(
             f"no such run folder or policy: {source} (a path, or one of {', '.join(names())})"
         )

@@ -1,17 +1,18 @@
 """What steers a chain: a learned policy or a hand-written controller, behind one interface."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
 from salpchain.errors import InputError
-from salpchain.forks import check_not_forked
+from salpchain.given import told, whole
 from salpchain.networks.actor_critic import ActorCritic
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import Graph, of_adjacency
+from salpchain.starting import check_can_compute
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.config import (
@@ -19,8 +20,10 @@ from salpchain.tasks.reach.config import (
     OBSERVATION_SIZES,
     PLAYED_LIMIT,
     TaskConfig,
+    check_kinds,
     check_length,
     one_of,
+    set_field,
 )
 from salpchain.tasks.reach.task import State
 
@@ -44,14 +47,13 @@ class PolicyCard:
     def __post_init__(self) -> None:
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
-        check_length(self.length)
+        check_kinds(self)
+        set_field(self, "length", check_length(self.length))
+        whole("steps", self.steps, least=0)
 
     def check_serves(self, length: int) -> None:
-        """Nothing, if the policy can steer chains of this length.
-
-        Raises:
-            InputError: it works at its own length only.
-        """
+        """Raise InputError unless the policy can steer chains of this length."""
+        check_length(length)
         if self.control.model in SINGLE_LENGTH and length != self.length:
             raise InputError(
                 f"{self.name} is an {self.control.model} and works at {self.length} units only,"
@@ -64,11 +66,16 @@ class PolicyCard:
         Its time limit is the scaled one unless `time_limit` says otherwise.
 
         Raises:
-            InputError: the policy cannot serve this length, or a setting that cannot be.
+            InputError: the policy cannot serve this length, or a setting that cannot be, that there
+                is not, or that is not the policy's.
         """
-        self.check_serves(check_length(length))
-        asked = {"time_limit": PLAYED_LIMIT, **settings}
-        return TaskConfig(length, self.observation, self.action, **asked)
+        self.check_serves(length)
+        spoken = {"length": int(length), "observation": self.observation, "action": self.action}
+        for name, value in settings.items():
+            one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
+            if name in spoken and (not isinstance(value, str) or value != spoken[name]):
+                raise InputError(f"{name} is {spoken[name]!r} for {self.name}, got {told(value)}")
+        return TaskConfig(**{"time_limit": PLAYED_LIMIT, **settings, **spoken})
 
     def as_dict(self) -> dict[str, object]:
         """The card as plain JSON values."""
@@ -133,7 +140,7 @@ class Policy(eqx.Module):
                 a length that it cannot steer; a graph that is none, of another size than the chain,
                 or for a policy that has none.
         """
-        check_not_forked()
+        check_can_compute()
         check_state(state, "act")
         if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
             raise InputError(

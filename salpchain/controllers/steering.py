@@ -7,11 +7,16 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from salpchain.controllers import named
 from salpchain.controllers.policy import Controller, Planner
 from salpchain.errors import InputError
+from salpchain.files import StrPath
+from salpchain.given import told
 from salpchain.physics.state import Bodies, at_rest
+from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.task import SCLD
 
 Poses = dict[str, np.ndarray]
@@ -72,30 +77,29 @@ class Steering:
 
     def _played(self, *given: Any) -> tuple[np.ndarray, np.ndarray]:
         names = ("position", "angle", "velocity", "angular_velocity", "target", "force")
-        poses: dict[str, Any] = dict(zip(names, given, strict=True))
-        if poses["force"] is None:
-            poses["force"] = np.zeros_like(np.asarray(poses["position"], float))
-        poses, axes = _checked(poses, self.env.config.length)
+        check_can_compute()
+        poses, axes = _checked(dict(zip(names, given, strict=True)), self.env.config.length)
         rows = {name: x.reshape(-1, *x.shape[len(axes) :]) for name, x in poses.items()}
         actions, thrusts = _play(self.controller, self.env, rows)
         actions, thrusts = np.asarray(actions), np.asarray(thrusts)
         return actions.reshape(*axes, *actions.shape[1:]), thrusts.reshape(*axes, -1)
 
 
-def steering(controller: Controller, length: int) -> Steering:
+def steering(controller: Controller | StrPath, length: int) -> Steering:
     """What maps poses from anywhere to actions: of a policy, of `Greedy`, `Approach`, or your own.
 
     `actions = steering(salpchain.load("any-length"), 8)(position, angle, velocity,
     angular_velocity, target)`, all as arrays; docs/python.md has a loop.
 
     Args:
-        controller: a learned or a hand-written one.
+        controller: a learned or a hand-written one, or its name or path.
         length: units of the chains.
 
     Raises:
         InputError: the controller cannot serve this length, or plans ahead on our own engine, as
             `MPC` does, which needs more than poses.
     """
+    controller = named.controller(controller)
     if isinstance(controller, Planner):
         raise InputError(
             f"{controller.card.name} plans on the simulation and remembers: it cannot be steered"
@@ -108,13 +112,17 @@ def _checked(given: dict[str, Any], length: int) -> tuple[Poses, tuple[int, ...]
     """The poses as arrays of floats, and the axes that stand before those of a chain.
 
     Raises:
-        InputError: one of another shape, or not finite.
+        InputError: one of another shape, no numbers, or not finite.
     """
-    axes = np.shape(given["angle"])[:-1]
+    arrays = {name: as_floats(name, value) for name, value in given.items() if value is not None}
+    missing = given.keys() - arrays.keys() - {"force"}
+    if missing:
+        raise InputError(f"{sorted(missing)[0]} must be an array of numbers, got None")
+    axes = arrays["angle"].shape[:-1]
+    arrays.setdefault("force", np.zeros((*axes, length, 2)))
     poses: Poses = {}
-    for name, value in given.items():
+    for name, array in arrays.items():
         shape = (*axes, length, 2) if name in VECTORS else (*axes, length)
-        array = np.asarray(value, float)
         if array.shape != shape or 0 in shape:
             raise InputError(f"{name} must have shape {_shape(name, length)}, got {array.shape}")
         if not np.isfinite(array).all():
@@ -122,6 +130,24 @@ def _checked(given: dict[str, Any], length: int) -> tuple[Poses, tuple[int, ...]
             raise InputError(f"{name} of unit {unit} is not finite: send no thrust")
         poses[name] = array
     return poses, axes
+
+
+def as_floats(name: str, value: Any) -> np.ndarray:
+    """The value as a NumPy array of floats.
+
+    Raises:
+        InputError: no numbers, or a traced array: what steers what others move runs outside
+            compiled code.
+    """
+    if isinstance(value, Tracer):
+        raise InputError(
+            f"steering maps NumPy arrays, outside jax.jit, vmap and grad, but {name} is traced: use"
+            " env.step and policy.act there"
+        )
+    try:
+        return np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be an array of numbers, got {told(value)}") from None
 
 
 def _shape(name: str, length: int) -> str:

@@ -14,9 +14,10 @@ from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
-from salpchain.forks import check_not_forked
+from salpchain.given import flag, told
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.trees import from_arrays, to_arrays
 
@@ -32,8 +33,12 @@ def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
     its numbers. A file is read into the precision that JAX works with there.
 
     Raises:
-        OSError: the folder is missing or not writable, or the disk is full.
+        InputError: no learned policy, or there is no such folder.
+        OSError: the folder is not writable, or the disk is full.
     """
+    if not isinstance(policy, Policy):
+        raise InputError(f"only a learned policy can be saved, got {told(policy)}")
+    flag("half", half)
     arrays = to_arrays(policy.network)
     if half:
         arrays = {name: array.astype(np.float16) for name, array in arrays.items()}
@@ -51,7 +56,6 @@ def load(source: StrPath) -> Policy:
         InputError: no such name, file or folder; damaged, altered or from a newer version; the name
             of a controller that was never trained.
     """
-    check_not_forked()
     path = Path(source)
     if isinstance(source, str):
         if source in WRITTEN:
@@ -63,6 +67,7 @@ def load(source: StrPath) -> Policy:
         path = path / POLICY_FILE
         if not path.exists():
             raise InputError(f"{source} is not a run folder with a policy: it has no {POLICY_FILE}")
+    check_can_compute()
     header, arrays = read_arrays(path, KIND, VERSION)
     card = _card(header, path)
     network = from_arrays(network_shapes(card), arrays, str(path), cast=True)

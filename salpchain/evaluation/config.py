@@ -1,13 +1,16 @@
 """Settings of an evaluation. Imports nothing heavy: the command line checks its input with it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from salpchain.errors import InputError
+from salpchain.given import index, several
 from salpchain.tasks.reach.config import LONGEST, check_length
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
 SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
+Lengths = int | str | Iterable[int]  # what a function takes that takes lengths
 RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
 
 
@@ -34,6 +37,19 @@ def list_lengths(text: str) -> list[int]:
         return [check_length(length) for length in lengths]
     except ValueError as error:
         raise InputError(f"lengths {text!r}: {error}") from None
+
+
+def as_lengths(meant: Any) -> list[int]:
+    """The lengths that a caller means, in that order: one, several, or a text such as `4..16`.
+
+    Raises:
+        InputError: none at all, or what is no length.
+    """
+    if isinstance(meant, str):
+        return list_lengths(meant)
+    if index(meant) is not None:
+        return [check_length(meant)]
+    return [check_length(length) for length in several("lengths", meant, "numbers of units")]
 
 
 def lengths_as_text(lengths: Sequence[int]) -> str:

@@ -1,57 +1,37 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
 
-import functools
-import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple
 
 import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from salpchain.controllers import named
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, Planner
 from salpchain.errors import InputError
-from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE
+from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE, Lengths, as_lengths
 from salpchain.evaluation.kept import check_kept, settings
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
-from salpchain.forks import check_not_forked
-from salpchain.tasks.reach.config import PLAYED_LIMIT, step_limit
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-def _by_one_process(work: Callable[P, R]) -> Callable[P, R]:
-    """The work, refused while another process is at the same folder `out`."""
-    names = inspect.signature(work)
-
-    @functools.wraps(work)
-    def guarded(*args: P.args, **kwargs: P.kwargs) -> R:
-        out = names.bind(*args, **kwargs).arguments.get("out")
-        if out is None:
-            return work(*args, **kwargs)
-        make_writable(out)
-        with writing(Path(out) / SUMMARY_FILE):
-            return work(*args, **kwargs)
-
-    return guarded
-
+from salpchain.given import flag, function, path, whole
+from salpchain.starting import check_can_compute
+from salpchain.tasks.reach.config import PLAYED_LIMIT, TIME_LIMITS, check_seed, one_of, step_limit
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 
 
-@_by_one_process
 def evaluate(
-    controller: Controller,
-    lengths: Sequence[int],
+    controller: Controller | StrPath,
+    lengths: Lengths,
     trials: int = 50,
     time_limit: str = PLAYED_LIMIT,
     seed: int = 0,
@@ -62,30 +42,79 @@ def evaluate(
 ) -> Summary:
     """The summary of the controller's trials, that of greedy's on the same starts as "baseline".
 
-    The summary is that of `summarise` with the policy's "identity" and "card" besides; "baseline"
-    is None where none was asked for, or the controller is the baseline. With `out`, a folder that
-    is made if it is missing, `evaluation.csv` gets a row for each trial of both and
-    `evaluation.json` the summary; either file is whole or not there.
+    The controller may be given by its name or path, lengths as one, several or `4..16`. The summary
+    is that of `summarise` with the policy's "identity" and "card" besides; "baseline" is None where
+    none was asked for, or the controller is the baseline. With `out`, a folder that is made if it
+    is missing, `evaluation.csv` gets a row for each trial of both and `evaluation.json` the
+    summary; either file is whole or not there.
 
     Raises:
-        InputError: no lengths, fewer than one trial, or an impossible length or time limit; `out`
-            holds results of another controller, or with other settings, and not `overwrite`.
+        InputError: no controller, no lengths, fewer than one trial, or an impossible length or time
+            limit; `out` holds results of another controller, or with other settings, and not
+            `overwrite`.
         OSError: the folder cannot be written.
     """
-    check_not_forked()
-    others: list[Controller] = []
-    if baseline and not isinstance(controller, Greedy):
-        others.append(Greedy(controller.card.observation, controller.card.action))
-    if out is not None:
-        asked = settings(lengths, trials, time_limit, seed, bool(others))
-        _claim(Path(out), controller, asked, overwrite)
-    play = partial(_play, lengths=lengths, trials=trials, time_limits=(time_limit,), seed=seed)
-    if isinstance(controller, Planner):  # would plan on for nothing while the baseline swims
-        apart = [play([other], progress=None)[time_limit][0] for other in others]
-        played = play([controller], progress=progress)[time_limit] + apart
-    else:
-        played = play([controller, *others], progress=progress)[time_limit]
-    return _summary(controller, played, out)
+    check_can_compute()
+    flag("overwrite", overwrite)
+    function("progress", progress)
+    tested = named.controller(controller)
+    asked = _checked(tested, lengths, trials, time_limit, seed)
+    compared = flag("baseline", baseline) and not isinstance(tested, Greedy)
+    if out is None:
+        return _summary(tested, _beside_baseline(tested, compared, asked, progress), None)
+    with _one_at(path("out", out)) as folder:
+        _claim(folder, tested, settings(*asked, compared), overwrite)
+        return _summary(tested, _beside_baseline(tested, compared, asked, progress), folder)
+
+
+class _Asked(NamedTuple):
+    """Which trials are played."""
+
+    lengths: list[int]
+    trials: int
+    time_limit: str
+    seed: int
+
+
+def _checked(
+    controller: Controller, lengths: Lengths, trials: int, time_limit: str, seed: int
+) -> _Asked:
+    """The trials that are asked for.
+
+    Raises:
+        InputError: they cannot be, or the controller cannot play them.
+    """
+    units = as_lengths(lengths)
+    for length in units:
+        controller.card.check_serves(length)
+    one_of("time limit", time_limit, TIME_LIMITS)
+    return _Asked(units, whole("trials", trials, least=1), time_limit, check_seed(seed))
+
+
+@contextmanager
+def _one_at(folder: Path) -> Iterator[Path]:
+    """The folder, made if it is missing, where no other process evaluates meanwhile."""
+    make_writable(folder)
+    with writing(folder / SUMMARY_FILE):
+        yield folder
+
+
+def _beside_baseline(
+    controller: Controller, compared: bool, asked: _Asked, progress: Progress | None
+) -> list[pd.DataFrame]:
+    """The trials of the controller, and those of the baseline on the same starts, if compared."""
+    lengths, trials, time_limit, seed = asked
+
+    def play(some: list[Controller], progress: Progress | None) -> list[pd.DataFrame]:
+        return _play(some, lengths, trials, (time_limit,), seed, progress)[time_limit]
+
+    spoken = controller.card.observation, controller.card.action
+    others: list[Controller] = [Greedy(*spoken)] if compared else []
+    if not isinstance(controller, Planner):
+        return play([controller, *others], progress)
+    # A planner would plan on for nothing while the baseline swims.
+    apart = [play([other], None)[0] for other in others]
+    return play([controller], progress) + apart
 
 
 def evaluate_limits(

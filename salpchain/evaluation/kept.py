@@ -8,7 +8,11 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.files import StrPath, read_json
 
-ADVICE = "choose another folder, or add --overwrite (in Python: overwrite=True)"
+
+def _refused(message: str) -> InputError:
+    """The error that says how results may be replaced."""
+    python = ": choose another folder, or give overwrite=True"
+    return InputError(message, python=python, shell=": choose another folder, or add --overwrite")
 
 
 def settings(
@@ -40,12 +44,12 @@ def check_kept(folder: StrPath, name: str, identity: str, asked: dict[str, Any])
     has = content.get("identity")
     if has != identity:
         whose = f"{content.get('policy', 'something else')}, {_told(has)}"
-        raise InputError(f"{folder} holds results of {whose}, not of {name}, {identity}: {ADVICE}")
+        raise _refused(f"{folder} holds results of {whose}, not of {name}, {identity}")
     for setting, value in _settings_of(content).items():
         if value != asked[setting]:
-            raise InputError(
+            raise _refused(
                 f"{folder} holds other results of {name}: {setting} {_text(value)} there,"
-                f" {_text(asked[setting])} asked for: {ADVICE}"
+                f" {_text(asked[setting])} asked for"
             )
 
 
@@ -58,9 +62,9 @@ def read_kept(path: StrPath) -> dict[str, Any]:
     try:
         content = read_json(path)
     except InputError as error:
-        raise InputError(f"{error}: {ADVICE}") from None
+        raise _refused(str(error)) from None
     if not isinstance(content, dict) or not isinstance(content.get("lengths"), list):
-        raise InputError(f"{path} is no evaluation: {ADVICE}")
+        raise _refused(f"{path} is no evaluation")
     return content
 
 

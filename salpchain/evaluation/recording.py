@@ -1,6 +1,5 @@
 """Episodes recorded whole: the trials of an evaluation, with every body at every step."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,16 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
+from salpchain.controllers import named
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, act, begin
-from salpchain.errors import InputError
+from salpchain.evaluation.config import Lengths, as_lengths
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
-from salpchain.forks import check_not_forked
+from salpchain.files import StrPath
+from salpchain.given import whole
 from salpchain.physics.batching import where
 from salpchain.physics.state import Bodies
+from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.config import PLAYED_LIMIT, check_length, check_seed
+from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed
 from salpchain.tasks.reach.task import SCLD, State
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
@@ -35,27 +37,28 @@ class Frame(NamedTuple):
 
 @own_mesh
 def record(
-    controller: Controller,
-    lengths: Sequence[int],
+    controller: Controller | StrPath,
+    lengths: Lengths,
     time_limit: str = PLAYED_LIMIT,
     seed: int = 0,
     trial: int = 0,
 ) -> list[Trajectory]:
     """The trajectory of one trial of each length, all recorded together.
 
+    The controller may be given by its name or path, lengths as one, several or `4..16`.
+
     The starts are those of `run_trials`. A swim may end differently where it is chaotic: batches
     of other sizes round differently.
 
     Raises:
-        InputError: an impossible length, seed, trial or time limit, or a length that the
-            controller cannot serve.
+        InputError: no controller, an impossible length, seed, trial or time limit, or a length that
+            the controller cannot serve.
     """
-    check_not_forked()
+    check_can_compute()
+    controller, lengths = named.controller(controller), as_lengths(lengths)
     for length in lengths:
-        controller.card.check_serves(check_length(length))
-    check_seed(seed)
-    if not 0 <= trial < 2**31:
-        raise InputError(f"trial must be 0 or more, got {trial}")
+        controller.card.check_serves(length)
+    seed, trial = check_seed(seed), whole("trial", trial, least=0, most=2**31 - 1)
     env = domain_for([controller], max(lengths), time_limit)
     keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
     start = _begin(env, jnp.concatenate(keys), jnp.array(lengths))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from salpchain import given
 from salpchain.errors import InputError
 from salpchain.files import StrPath, write_bytes
-from salpchain.tasks.reach.config import TIME_LIMITS, check_length, check_seed, one_of
+from salpchain.tasks.reach.config import TIME_LIMITS, check_kinds, check_length, check_seed, one_of
 
 FORMAT = 1
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
@@ -56,6 +57,7 @@ class Trajectory:
     identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         check_length(self.length)
         check_seed(self.seed)
         one_of("time limit", self.time_limit, TIME_LIMITS)
@@ -63,6 +65,9 @@ class Trajectory:
             raise InputError(f"trial must be 0 or more, got {self.trial}")
         if not 0 < self.dt < 1e3:
             raise InputError(f"dt must be positive (s), got {self.dt}")
+        for field in fields(self):
+            if field.name not in _SCALARS:
+                given.instance(field.name, getattr(self, field.name), np.ndarray, "a NumPy array")
         times = len(np.atleast_1d(self.unit_position))
         if times < 1:
             raise InputError("unit_position has no time: it must hold at least the start")
@@ -98,7 +103,8 @@ class Trajectory:
         """The trajectory as one compressed `.npz`, atomically; data only, never code.
 
         Raises:
-            OSError: the folder is missing or not writable, or the disk is full.
+            InputError: no path; there is no such folder, or a folder of this name.
+            OSError: the folder is not writable, or the disk is full.
         """
         named: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
         content = io.BytesIO()
@@ -113,7 +119,7 @@ class Trajectory:
             InputError: no such file; not a trajectory; cut short; a field that is missing, of
                 another shape or kind, or not finite; or from a newer version.
         """
-        path = Path(path)
+        path = given.path("path", path)
         named = _read(path)
         try:
             return cls(**{field.name: _plain(named, field.name, path) for field in fields(cls)})

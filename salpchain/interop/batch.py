@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.errors import InputError
-from salpchain.forks import check_not_forked
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
+from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
 from salpchain.tasks.reach.task import SCLD, State, renew_done
 
@@ -160,7 +160,7 @@ class Batch:
         Raises:
             InputError: a seed that cannot be, or not one for each chain.
         """
-        check_not_forked()
+        check_can_compute()
         if seed is None and self.states is not None:
             keys = self.states.key
         else:
@@ -239,7 +239,7 @@ class Batch:
         Raises:
             InputError: there are none yet.
         """
-        check_not_forked()
+        check_can_compute()
         if self.states is None:
             raise InputError("the environment was never reset: call reset() first")
         return self.states

@@ -1,23 +1,25 @@
 """Policies as files for other tools."""
 
 from importlib import import_module
-from pathlib import Path
 
 import jax
 import numpy as np
 
+from salpchain.controllers import named
 from salpchain.controllers.policy import Controller, Policy
 from salpchain.controllers.storage import network_shapes
 from salpchain.errors import InputError
 from salpchain.files import StrPath
+from salpchain.given import path as checked_path
+from salpchain.given import told
 from salpchain.interop import FORMATS
 from salpchain.interop.metadata import metadata
 from salpchain.tasks.reach.config import one_of
 from salpchain.trees import to_arrays
 
 
-def export(policy: Controller, path: StrPath, kind: str) -> None:
-    """The policy as one file of this kind, `onnx` or `torch`.
+def export(policy: Controller | StrPath, path: StrPath, kind: str) -> None:
+    """The policy, or that of this name or path, as one file of this kind, `onnx` or `torch`.
 
     Raises:
         InputError: no such kind, no learned policy, a network that is not the one its card names,
@@ -25,15 +27,16 @@ def export(policy: Controller, path: StrPath, kind: str) -> None:
         OSError: the folder is missing or not writable, or the disk is full.
     """
     one_of("format", kind, FORMATS)
-    if not isinstance(policy, Policy):
-        raise InputError(f"only a learned policy can be exported, got {policy!r:.60}")
-    _check_known(policy)
-    path = Path(path)
+    learned = named.controller(policy)
+    if not isinstance(learned, Policy):
+        raise InputError(f"only a learned policy can be exported, got {told(policy)}")
+    _check_known(learned)
+    path = checked_path("path", path)
     if kind == "onnx":
-        import_module("salpchain.interop.onnx").export_onnx(policy, path)
+        import_module("salpchain.interop.onnx").export_onnx(learned, path)
     else:
         save = import_module("salpchain.interop.network").save_torch
-        save(to_arrays(policy.network), metadata(policy.card), path)
+        save(to_arrays(learned.network), metadata(learned.card), path)
 
 
 def _check_known(policy: Policy) -> None:

@@ -4,13 +4,13 @@ Meaning and names of the layers are those of `networks/layers.py`. Files are saf
 """
 
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
+from salpchain.given import path as checked_path
 from salpchain.interop.extras import need
 from salpchain.networks.config import PAPER_DEPTH, REACH
 from salpchain.tasks.reach.config import OBSERVATION_SIZES
@@ -163,7 +163,7 @@ def load_torch(path: StrPath) -> TorchPolicy:
     Raises:
         InputError: no such file; damaged, altered or from a newer version.
     """
-    about, arrays = read_arrays(Path(path), KIND, VERSION)
+    about, arrays = read_arrays(checked_path("path", path), KIND, VERSION)
     if not about.keys() >= NEEDED:
         raise InputError(f"{path} does not say which network it holds: {json.dumps(about)[:60]}")
     weights = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}

@@ -8,20 +8,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from salpchain.controllers import named
 from salpchain.controllers.policy import Controller, Policy, PolicyCard
+from salpchain.controllers.steering import as_floats
 from salpchain.errors import InputError
-from salpchain.forks import check_not_forked
+from salpchain.files import StrPath
+from salpchain.given import told
 from salpchain.interop.checks import task_of
+from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
 
 Steer = Callable[[np.ndarray], np.ndarray]
 
 
-def steering(policy: Controller, **task: Any) -> Steer:
+def steering(policy: Controller | StrPath, **task: Any) -> Steer:
     """What maps observations (..., unit, feature) to mean actions (..., unit, act), clipped.
 
     Args:
-        policy: a learned one, such as `salpchain.load("any-length")`.
+        policy: a learned one, such as `salpchain.load("any-length")`, or its name or path.
         **task: the settings that the environment was made with.
 
     Raises:
@@ -29,21 +33,22 @@ def steering(policy: Controller, **task: Any) -> Steer:
             environment or cannot serve its length; an unknown setting. Later: observations of
             another shape.
     """
-    if not isinstance(policy, Policy):
-        raise InputError(f"steering takes a learned policy, such as any-length, got {policy!r:.60}")
+    learned = named.controller(policy)
+    if not isinstance(learned, Policy):
+        raise InputError(f"steering takes a learned policy, such as any-length, got {told(policy)}")
     config = task_of(task)
-    _check_fits(policy.card, config)
+    _check_fits(learned.card, config)
     slots, features = config.length, OBSERVATION_SIZES[config.observation]
     present, joined = jnp.ones(slots, bool), jnp.ones(slots - 1, bool)
 
     @jax.jit
     def act(rows: jax.Array) -> jax.Array:
-        actions = jax.vmap(lambda obs: policy.network.act(obs, present, joined))(rows)
+        actions = jax.vmap(lambda obs: learned.network.act(obs, present, joined))(rows)
         return jnp.clip(actions, -1.0, 1.0)
 
     def steer(obs: np.ndarray) -> np.ndarray:
-        check_not_forked()
-        obs = np.asarray(obs, np.float32)
+        check_can_compute()
+        obs = as_floats("observations", obs).astype(np.float32)
         if obs.shape[-2:] != (slots, features):
             raise InputError(
                 f"observations must have shape (..., {slots}, {features}), got {obs.shape}"

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
 from salpchain.errors import InputError
+from salpchain.given import told
 from salpchain.networks.config import REACH
 
 Heads = Float[Array, "unit *head feature"]
@@ -198,7 +199,7 @@ def of_adjacency(sees: ArrayLike | Sequence) -> DenseGraph:
     try:
         square = jnp.asarray(sees)
     except (TypeError, ValueError):
-        raise InputError(f"a graph is an (n, n) array of bool, got {sees!r}") from None
+        raise InputError(f"a graph is an (n, n) array of bool, got {told(sees)}") from None
     shape, kind = square.shape, square.dtype
     if len(shape) != 2 or shape[0] != shape[1] or not jnp.issubdtype(kind, jnp.bool_):
         raise InputError(f"a graph is an (n, n) array of bool, got {kind} of shape {shape}")

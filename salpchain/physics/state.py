@@ -1,5 +1,6 @@
 """The state of a chain of units and links, and the constants of its physics."""
 
+from dataclasses import fields
 from typing import Any
 
 import equinox as eqx
@@ -7,6 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 from numpy import pi
 
+from salpchain.errors import InputError
+from salpchain.given import index, is_scalar, told
 from salpchain.physics.joints import FORCES
 
 Scalar = float | Float[Array, ""]  # traced or not
@@ -48,7 +51,7 @@ class Physics(eqx.Module):
     Every field but the two last may be a traced scalar, so that constants can be randomised.
 
     Raises:
-        ValueError: a constant that cannot be, named with its unit.
+        InputError: a constant that cannot be, named with its unit.
     """
 
     unit_length: Scalar = 0.04  # m, along the chain
@@ -67,17 +70,24 @@ class Physics(eqx.Module):
     joint_derivative: str = eqx.field(default="spring", static=True)  # or exact: see docs/gradients
 
     def __check_init__(self) -> None:
+        if index(self.substeps) is None:
+            given = told(self.substeps)
+            raise InputError(f"Physics.substeps must be a whole number, got {given}")
         for name, unit in _POSITIVE.items():
             value = getattr(self, name)
             if isinstance(value, int | float) and not value > 0:
-                raise ValueError(f"Physics.{name} must be positive ({unit}), got {value}")
+                raise InputError(f"Physics.{name} must be positive ({unit}), got {value}")
         if isinstance(self.drag, int | float) and not 0 <= self.drag < 1:
-            raise ValueError(f"Physics.drag must lie in [0, 1), got {self.drag}")
-        if self.joint_derivative not in FORCES:
-            raise ValueError(
+            raise InputError(f"Physics.drag must lie in [0, 1), got {self.drag}")
+        if not isinstance(self.joint_derivative, str) or self.joint_derivative not in FORCES:
+            raise InputError(
                 f"Physics.joint_derivative must be {' or '.join(FORCES)},"
-                f" got {self.joint_derivative!r}"
+                f" got {told(self.joint_derivative)}"
             )
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type == Scalar and not is_scalar(value):
+                raise InputError(f"Physics.{field.name} must be a number, got {told(value)}")
 
     @property
     def unit_inertia(self) -> Any:

@@ -5,7 +5,14 @@ from dataclasses import dataclass, field
 from salpchain.controllers.named import check_name
 from salpchain.errors import InputError
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
-from salpchain.tasks.reach.config import TaskConfig, check_kinds, check_length, check_seed, one_of
+from salpchain.tasks.reach.config import (
+    TaskConfig,
+    check_kinds,
+    check_length,
+    check_seed,
+    one_of,
+    set_field,
+)
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
 MOST_BATCH = 10**8  # chain-steps between two updates (chosen; no machine has room for more)
@@ -88,6 +95,9 @@ class Mix:
     grow: float = 0.0  # share of successes at which the next length joins; 0: no curriculum
 
     def __post_init__(self) -> None:
+        for name in ("lengths", "weights"):
+            if isinstance(getattr(self, name), list):
+                set_field(self, name, tuple(getattr(self, name)))
         check_kinds(self)
         for length in self.lengths:
             check_length(length)

@@ -52,8 +52,9 @@ def check_free(run: StrPath) -> None:
     if run.exists() and not run.is_dir():
         raise InputError(f"{run} is a file: a run needs a folder")
     if not is_free(run):
-        advice = "add --resume to go on with it, or choose another --out"
-        raise InputError(f"{run} is already used: {advice}")
+        python = f"salpchain.resume({str(run)!r}) goes on with it, or choose another folder"
+        shell = "add --resume to go on with it, or choose another --out"
+        raise InputError(f"{run} is already used: ", python=python, shell=shell)
 
 
 def is_free(run: StrPath) -> bool:

@@ -9,7 +9,8 @@ from dataclasses import asdict, is_dataclass, replace
 from typing import Any, get_type_hints
 
 from salpchain.errors import InputError
-from salpchain.evaluation.config import parse_lengths
+from salpchain.evaluation.config import Lengths, as_lengths, parse_lengths
+from salpchain.given import instance, told
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.tasks.reach.config import KINDS, TaskConfig, is_kind, one_of
 from salpchain.training.config import CUSTOM, TrainConfig
@@ -40,6 +41,7 @@ def flat(config: TrainConfig) -> dict[str, Any]:
 
 def check_path(path: str) -> None:
     """Raise InputError unless there is such a setting; the message names the nearest."""
+    instance("a setting's path", path, str, "a text such as 'ppo.learning_rate'")
     if path in SETTINGS:
         return
     last = {known.rpartition(".")[2]: known for known in SETTINGS}
@@ -61,7 +63,7 @@ def checked(path: str, value: Any) -> Any:
     if getattr(value, "shape", None) == ():  # a number of NumPy's or JAX's
         value = value.item()
     if not is_kind(value, kind):
-        raise InputError(f"{path} must be {KINDS[kind]}, got {value!r}")
+        raise InputError(f"{path} must be {KINDS[kind]}, got {told(value)}")
     return float(value) if kind is float else value
 
 
@@ -193,23 +195,32 @@ def changed(config: TrainConfig) -> list[str]:
 def preset(
     name: str = "quick",
     *,
-    length: int | Sequence[int] = TaskConfig.length,
+    length: Lengths = TaskConfig.length,
     model: str | None = None,
     graph: str | None = None,
     seed: int = 0,
     settings: Mapping[str, object] | None = None,
+    **others: object,
 ) -> TrainConfig:
     """A preset for a chain length (units), or for several at once, with single settings changed.
 
-    `settings` has any of `config.json` by their paths: `{"ppo.learning_rate": 1e-3}`.
+    `settings` has any of `config.json` by their paths: `{"ppo.learning_rate": 1e-3}`. Several
+    lengths may also be a text such as `4..16`.
 
     Raises:
         InputError: no such preset or setting, or a value that cannot be; it says what would be.
     """
-    lengths = {"task.length": length} if isinstance(length, int) else {"mix.lengths": tuple(length)}
-    if model in SINGLE_LENGTH and graph is not None:
-        raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
+    for other, value in others.items():
+        check_path(other)
+        raise InputError(f"{other} is a setting: give settings={{{other!r}: {told(value)}}}")
+    settings = {} if settings is None else settings
+    instance("settings", settings, Mapping, "a dict such as {'ppo.learning_rate': 1e-3}")
+    units = as_lengths(length)
+    lengths = {"task.length": units[0]} if len(units) == 1 else {"mix.lengths": tuple(units)}
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
     values = {path: value for path, value in asked.items() if value is not None}
-    above = {path: checked(path, value) for path, value in (settings or {}).items()}
-    return compose(overlay({**values, **lengths}, above))
+    above = {path: checked(path, value) for path, value in settings.items()}
+    config = compose(overlay({**values, **lengths}, above))
+    if graph is not None and model in SINGLE_LENGTH:
+        raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
+    return config

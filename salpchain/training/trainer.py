@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.files import StrPath, alone, read_json
+from salpchain.given import function, instance, path, seconds
 from salpchain.switches import own_mesh
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training import run_folder
@@ -42,12 +43,14 @@ def train(
     the same up to the order of sums, from which long trainings part.
 
     Raises:
-        InputError: the folder is already used, or there are fewer devices than given.
+        InputError: no settings, no path, a folder already used, or fewer devices than given.
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
     """
-    run = Path(run)
+    instance("config", config, TrainConfig, 'a TrainConfig, such as salpchain.preset("quick")')
+    run = _checked(run, watch, save_every)
     run_folder.check_free(run)
+    use_devices(devices)  # refused, if at all, before anything is written
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
         devices = _create(config, run, devices)
@@ -56,6 +59,17 @@ def train(
         learner = new_learner(config, sitting.env)
         save_checkpoint(learner, run)
         return _continue(sitting, [learner])[0]
+
+
+def _checked(run: StrPath, watch: Watch | None, save_every: float) -> Path:
+    """The folder of a run.
+
+    Raises:
+        InputError: no path, or the others are not what they should be.
+    """
+    function("watch", watch)
+    seconds("save_every", save_every)
+    return path("run", run)
 
 
 def _create(config: TrainConfig, run: Path, devices: int | None) -> int:
@@ -105,7 +119,7 @@ def resume(
         InputError: no run folder, a damaged checkpoint, one written under other switches of JAX,
             fewer devices than given, or another process is at it.
     """
-    run = Path(run)
+    run = _checked(run, watch, save_every)
     config, before = run_folder.read_config(run)
     if run_folder.is_finished(run):
         return read_json(run / run_folder.SUMMARY_FILE)

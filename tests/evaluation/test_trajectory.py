@@ -81,7 +81,7 @@ BAD = [
     ({"seed": -1}, "seed must be"),
     ({"trial": -1}, "trial must be"),
     ({"time_limit": "never"}, "choose one of fixed, scaled"),
-    ({"dt": np.nan}, "dt must be positive"),
+    ({"dt": np.nan}, "dt must be a finite number"),
     ({"dt": 1}, "dt must be one value"),
     ({"success": 1}, "success must be one value"),
     ({"reward": np.zeros(3)}, "reward has shape (3,)"),

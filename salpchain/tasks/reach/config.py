@@ -1,10 +1,11 @@
 """Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from math import inf, isfinite
 from typing import Any, get_args, get_type_hints
 
 from salpchain.errors import InputError
+from salpchain.given import index, instance, told
 
 SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
@@ -43,28 +44,30 @@ class TaskConfig:
     most_steps: int = 0  # control steps of an episode whatever its length; 0: as `time_limit` says
 
     def __post_init__(self) -> None:
-        check_length(self.length)
+        set_field(self, "length", check_length(self.length))
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
         one_of("time limit", self.time_limit, TIME_LIMITS)
         for name in ("fence", "contact"):
             if not isinstance(getattr(self, name), bool):
-                raise InputError(f"{name} must be True or False, got {getattr(self, name)!r}")
+                raise InputError(f"{name} must be True or False, got {told(getattr(self, name))}")
         if not (_is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
-            raise InputError(f"fine weight must be a number, 0 or more, got {self.fine_weight!r}")
+            raise InputError(
+                f"fine weight must be a number, 0 or more, got {told(self.fine_weight)}"
+            )
         for name in ("folded", "stalled"):
             share = getattr(self, name)
             if not (_is_number(share) and 0 <= share <= 1):
-                raise InputError(f"{name} must be a share, 0 to 1, got {share!r}")
+                raise InputError(f"{name} must be a share, 0 to 1, got {told(share)}")
         if self.folded + self.stalled > 1:
             raise InputError(
                 f"folded and stalled must be at most 1 together, got {self.folded} + {self.stalled}"
             )
         if not (_is_number(self.tolerance) and 0 < self.tolerance <= 1):
-            raise InputError(f"tolerance must lie in (0, 1] m, got {self.tolerance!r}")
+            raise InputError(f"tolerance must lie in (0, 1] m, got {told(self.tolerance)}")
         if type(self.most_steps) is not int or self.most_steps < 0:
             raise InputError(
-                f"most_steps must be a whole number, 0 or more, got {self.most_steps!r}"
+                f"most_steps must be a whole number, 0 or more, got {told(self.most_steps)}"
             )
 
     @property
@@ -101,42 +104,47 @@ def check_kinds(config: Any) -> None:
     for name, kind in get_type_hints(type(config)).items():
         value = getattr(config, name)
         if kind in KINDS and not is_kind(value, kind):
-            raise InputError(f"{name} must be {KINDS[kind]}, got {value!r}")
+            raise InputError(f"{name} must be {KINDS[kind]}, got {told(value)}")
+        if is_dataclass(kind) and isinstance(kind, type):
+            instance(name, value, kind, f"a {kind.__name__}")
 
 
-def check_length(length: int) -> int:
-    """The length itself.
+def set_field(config: Any, name: str, value: object) -> None:
+    """Put a checked value in the place of what a frozen dataclass was given."""
+    object.__setattr__(config, name, value)
+
+
+def check_length(length: Any) -> int:
+    """The length, as Python's own number.
 
     Raises:
         InputError: it is not a number of units that a chain can have.
     """
-    if not isinstance(length, int) or isinstance(length, bool):
-        raise InputError(f"length must be a whole number of units, got {length!r}")
-    if not SHORTEST <= length <= LONGEST:
-        raise InputError(f"length must be {SHORTEST} to {LONGEST} units, got {length}")
-    return length
+    number = index(length)
+    if number is None:
+        raise InputError(f"length must be a whole number of units, got {told(length)}")
+    if not SHORTEST <= number <= LONGEST:
+        raise InputError(f"length must be {SHORTEST} to {LONGEST} units, got {number}")
+    return number
 
 
-def check_seed(seed: int) -> int:
-    """The seed itself.
+def check_seed(seed: Any) -> int:
+    """The seed, as Python's own number.
 
     Raises:
         InputError: it is not one of the 2^32 seeds that start different random numbers.
     """
-    if not 0 <= seed < 2**32:
-        raise InputError(f"seed must be 0 to {2**32 - 1}, got {seed}")
-    return seed
+    number = index(seed)
+    if number is None or not 0 <= number < 2**32:
+        raise InputError(f"seed must be 0 to {2**32 - 1}, got {told(seed)}")
+    return number
 
 
-def one_of(what: str, given: object, known: object) -> None:
-    """Nothing, if `given` is among the known names.
-
-    Raises:
-        InputError: it is not; the message lists the names.
-    """
+def one_of(what: str, name: object, known: object) -> None:
+    """Raise InputError unless the name is among the known ones; the message lists them."""
     names = list(known)  # type: ignore[call-overload]
-    if given not in names:
-        raise InputError(f"unknown {what} {given!r}: choose one of {', '.join(names)}")
+    if not isinstance(name, str) or name not in names:
+        raise InputError(f"unknown {what} {told(name)}: choose one of {', '.join(names)}")
 
 
 def step_limit(time_limit: str, length: int) -> int:

@@ -14,22 +14,27 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
+from salpchain.given import function, instance
 from salpchain.physics.batching import over_the_batch, redo, where
 from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics, heading
+from salpchain.starting import check_can_compute
 from salpchain.switches import automatic, standard_promotion
 from salpchain.tasks.checks import (
+    check_chain,
     check_key,
     check_number,
-    check_start,
     check_state,
     checked_action,
+    checked_vectors,
 )
 from salpchain.tasks.observations import observe
 from salpchain.tasks.reach.config import (
     ACTION_SIZES,
     FIXED_LIMIT,
+    LONGEST,
     OBSERVATION_SIZES,
     STEPS_PER_UNIT,
     TaskConfig,
@@ -89,6 +94,8 @@ class SCLD(eqx.Module):
 
     def __check_init__(self) -> None:
         check_not_forked()
+        instance("config", self.config, TaskConfig, "a TaskConfig, such as card.task(length)")
+        instance("physics", self.physics, Physics, "a Physics")
 
     @property
     def action_size(self) -> int:
@@ -110,7 +117,7 @@ class SCLD(eqx.Module):
             InputError: no random key, or more than one; a length that is no whole number or has no
                 room.
         """
-        check_not_forked()
+        check_can_compute()
         slots = self.config.length
         length = slots if length is None else length
         check_key(key)
@@ -138,8 +145,10 @@ class SCLD(eqx.Module):
         Raises:
             InputError: a chain or a target with other slots than `config.length`.
         """
-        check_start(chain, target, self.config.length)
-        check_not_forked()
+        check_can_compute()
+        check_chain(chain, self.config.length)
+        target = checked_vectors("the target", target, like=chain.units.position)
+        check_key(key, "start")
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
         now = distances(chain, target)
@@ -168,10 +177,11 @@ class SCLD(eqx.Module):
         terminated and marked `invalid`, is not at the goal, and the chain stops where it was.
 
         Raises:
-            InputError: a batch of states, or an action of another shape than (unit, act).
+            InputError: a batch of states, a state with other slots than `config.length`, or an
+                action of another shape than (unit, act).
         """
-        check_not_forked()
-        check_state(state, "step")
+        check_can_compute()
+        check_state(state, "step", self.config.length)
         shape = (self.config.length, self.action_size)
         action = checked_action(action, shape, state.chain.units.angle)
         invalid, moving = _find_invalid(None, action, state.chain.present)
@@ -204,12 +214,27 @@ class SCLD(eqx.Module):
 
     @standard_promotion
     def observe(self, chain: Chain, target: Array, force: Array) -> Float[Array, "unit feature"]:
-        """What the units see."""
+        """What the units see.
+
+        Raises:
+            InputError: a chain, a target or a force of other slots than `config.length`.
+        """
+        check_chain(chain, self.config.length)
+        like = chain.units.position
+        target = checked_vectors("the target", target, like)
+        force = checked_vectors("the force", force, like)
         return observe(self.config.observation, chain, target, force)
 
     def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
         """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]
-        and takes forward minus backward (paper equation 9)."""
+        and takes forward minus backward (paper equation 9).
+
+        Raises:
+            InputError: a chain or an action of other slots than `config.length`.
+        """
+        check_chain(chain, self.config.length)
+        shape = (self.config.length, self.action_size)
+        action = checked_action(action, shape, chain.units.angle)
         clipped = jnp.clip(action, -1.0, 1.0)
         if self.config.action == "thrust":
             thrust = clipped[:, 0]
@@ -218,7 +243,12 @@ class SCLD(eqx.Module):
         return jnp.where(chain.present, thrust, 0.0)
 
     def step_limit(self, length: int | Array) -> Int[Array, ""] | int:
-        """Control steps until truncation; traceable twin of `config.step_limit`."""
+        """Control steps until truncation; traceable twin of `config.step_limit`.
+
+        Raises:
+            InputError: no whole number of units.
+        """
+        check_number(length, LONGEST)
         if self.config.most_steps:
             return self.config.most_steps
         if self.config.time_limit == "fixed":
@@ -263,7 +293,18 @@ def renew_done(env: SCLD, states: State, draw_length: DrawLength | None = None) 
     The others stay bit-identical. Only as many resets are computed as there are finished
     episodes, in small chunks; each has its own key, so no start comes twice. `draw_length` gives
     the number of units of a new episode; without it a chain keeps its length.
+
+    Raises:
+        InputError: no environment, or no batch of its states.
     """
+    instance("env", env, SCLD, "a salpchain.SCLD")
+    instance("states", states, State, "a batch of states, such as jax.vmap(env.reset)(keys)")
+    function("draw_length", draw_length)
+    if states.obs.ndim != 3 or states.obs.shape[1] != env.config.length:
+        raise InputError(
+            f"renew_done takes a batch of states of {env.config.length} slots, batch first, such as"
+            f" jax.vmap(env.reset)(keys), got observations of shape {states.obs.shape}"
+        )
     return automatic(partial(_renewed, env, draw_length), (states,))
 
 
