@@ -50,8 +50,8 @@ def evaluate(
 
     Raises:
         InputError: no controller, no lengths, fewer than one trial, or an impossible length or time
-            limit; `out` holds results of another controller, or with other settings, and not
-            `overwrite`.
+            limit; `out` holds results of another controller, under another name, or with other
+            settings, and not `overwrite`.
         OSError: the folder cannot be written.
     """
     check_can_compute()

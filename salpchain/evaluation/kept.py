@@ -29,11 +29,11 @@ def settings(
 
 
 def check_kept(folder: StrPath, name: str, identity: str, asked: dict[str, Any]) -> None:
-    """Raise InputError if the folder holds results of another controller or of other trials.
+    """Raise InputError if the folder holds results of another controller, name or trials.
 
     Args:
         folder: of the evaluation; it may be missing.
-        name: what the controller is called, for the message.
+        name: what the controller is called.
         identity: the controller's.
         asked: the settings of the evaluation that would be written.
     """
@@ -45,6 +45,9 @@ def check_kept(folder: StrPath, name: str, identity: str, asked: dict[str, Any])
     if has != identity:
         whose = f"{content.get('policy', 'something else')}, {_told(has)}"
         raise _refused(f"{folder} holds results of {whose}, not of {name}, {identity}")
+    if content.get("policy") != name:
+        called = f"{content.get('policy', 'no name')}, not {name} (the same weights, {identity})"
+        raise _refused(f"{folder} holds results under the name {called}")
     for setting, value in _settings_of(content).items():
         if value != asked[setting]:
             raise _refused(

@@ -1,3 +1,4 @@
+import dataclasses
 import io
 import json
 
@@ -8,6 +9,7 @@ from rich.console import Console
 
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.mpc import MPC
+from salpchain.controllers.named import load
 from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
@@ -157,6 +159,20 @@ def test_real_trials_of_both_start_alike_and_greedy_closes_more(tmp_path):
 def test_no_lengths_is_an_error():
     with pytest.raises(ValueError, match="lengths must have at least one"):
         evaluate(Greedy(), [], 4, "fixed", 0)
+
+
+def test_results_of_the_same_weights_under_another_name_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "run_limits", trials_by_formula)
+    policy = load("any-length")
+    renamed = dataclasses.replace(policy, card=dataclasses.replace(policy.card, name="mine"))
+    evaluate(policy, LENGTHS, TRIALS, "fixed", 5, tmp_path)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    says = r"under the name any-length, not mine \(the same weights, \w+\): .*overwrite=True"
+    with pytest.raises(InputError, match=says):
+        evaluate(renamed, LENGTHS, TRIALS, "fixed", 5, tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept
+    evaluate(renamed, LENGTHS, TRIALS, "fixed", 5, tmp_path, overwrite=True)
+    assert json.loads((tmp_path / "evaluation.json").read_text())["policy"] == "mine"
 
 
 def test_several_time_limits_give_the_files_of_each(tmp_path, monkeypatch):
