@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 import tyro
 
 from salpchain.cli.options import text_option
+from salpchain.errors import InputError
 from salpchain.tasks.reach.config import one_of
 
 # In tyro's scripts, where nothing of ours fits: names of files.
@@ -49,6 +50,9 @@ class Completion:
 
 def run(options: Completion) -> None:
     """Prints the script."""
+    if not options.shell:
+        known = f"{', '.join(SHELLS[:-1])} or {SHELLS[-1]}"
+        raise InputError(f"salpchain completion needs a shell: {known}")
     one_of("shell", options.shell, SHELLS)
     print(script(options.shell), end="")
 

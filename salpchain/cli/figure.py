@@ -39,6 +39,11 @@ class Figure:
 
 def run(options: Figure) -> None:
     """Draws the figure."""
+    if not options.kind:
+        raise InputError(
+            f"salpchain figure needs what to draw, {' or '.join(KINDS)}, and folders,"
+            " e.g. learning runs/eight"
+        )
     one_of("figure", options.kind, KINDS)
     if not options.sources:
         raise InputError(f"salpchain figure {options.kind} needs at least one folder to draw")

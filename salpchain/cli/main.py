@@ -224,8 +224,9 @@ def _one_line(box: str) -> str:
 
 
 def _close(name: str, known: Any) -> str:
-    near = difflib.get_close_matches(name, list(known), n=1)
-    return f" (perhaps {near[0]})" if near else ""
+    bare = {one.lstrip("-"): one for one in known}  # dashes alone are not near
+    near = difflib.get_close_matches(name.lstrip("-"), bare, n=1)
+    return f" (perhaps {bare[near[0]]})" if near else ""
 
 
 def _fail(message: str) -> int:

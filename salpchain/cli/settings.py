@@ -9,9 +9,10 @@ import tyro
 
 from salpchain.cli.options import text_option
 from salpchain.errors import InputError
+from salpchain.evaluation.config import lengths_as_text
 from salpchain.files import read_json
 from salpchain.training.config import TrainConfig
-from salpchain.training.run_folder import CONFIG_FILE, FORMAT
+from salpchain.training.run_folder import CONFIG_FILE, FORMAT, check_run
 from salpchain.training.settings import SETTINGS, check_path, checked, flat, overlay, typed
 
 Sets = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, text_option("PATH=VALUE", name="set")]
@@ -26,7 +27,7 @@ def read_settings(name: str) -> dict[str, Any]:
     Raises:
         InputError: no such file, not such a file, an unknown setting, or a value of another type.
     """
-    path = Path(name) / CONFIG_FILE if Path(name).is_dir() else Path(name)
+    path = check_run(name) / CONFIG_FILE if Path(name).is_dir() else Path(name)
     content = _toml(path) if path.suffix == ".toml" else read_json(path)
     if not isinstance(content, dict):
         raise InputError(f"{path} holds no settings: it must have tables such as task and ppo")
@@ -86,6 +87,7 @@ def combined(
         if above.get(path, value) != value:
             raise InputError(f"--set {path} and --{name} contradict each other: leave one out")
     above |= {path: value for path, (_, value) in options.items()}
+    _check_lengths_agree(above, options)
     below = read_settings(file) if file else {}
     if below.get("preset", above.get("preset")) != above.get("preset", below.get("preset")):
         raise InputError(
@@ -93,6 +95,20 @@ def combined(
             " out, for all settings of the file stand above it"
         )
     return overlay(below, above)
+
+
+def _check_lengths_agree(above: Mapping[str, Any], options: Mapping[str, tuple[str, Any]]) -> None:
+    """Raise InputError if the one length and the several lengths contradict each other."""
+    length, lengths = above.get("task.length"), above.get("mix.lengths")
+    if length is None or not lengths or length == max(lengths):
+        return
+
+    def given(path: str, text: str) -> str:
+        return f"--{options[path][0]} {text}" if path in options else f"--set {path}={text}"
+
+    one = given("task.length", str(length))
+    more = given("mix.lengths", lengths_as_text(lengths))
+    raise InputError(f"{one} and {more} contradict each other: leave one out")
 
 
 def check_agrees(asked: Mapping[str, Any], config: TrainConfig, run: Path) -> None:

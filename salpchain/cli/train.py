@@ -172,6 +172,8 @@ def _share(name: str, text: str) -> float | None:
     given = decimals(name, text)
     if len(given) > 1:
         raise InputError(f"--{name} must be one number, such as 0.9, got {text!r}")
+    if given and not 0 <= given[0] <= 1:
+        raise InputError(f"--{name} must lie in [0, 1], got {text}")
     return given[0] if given else None
 
 

@@ -96,11 +96,20 @@ def check_name(name: str) -> None:
             f"name must have 1 to {LONGEST_NAME} characters, none of them a space at an end,"
             f" got {name!r}"
         )
-    if name[0] in ".-" or not name.isprintable() or set(name) & set("/\\"):
+    check_printable(name)
+    if name[0] in ".-" or set(name) & set("/\\"):
         raise InputError(f"name must have no / and no \\ and not begin with . or -, got {name!r}")
     if name in names():
         raise InputError(
             f"name {name!r} is that of a controller that comes with the package: choose another"
+        )
+
+
+def check_printable(name: str) -> None:
+    """Raise InputError unless a controller's name can stand in a line of a table."""
+    if not name.isprintable():
+        raise InputError(
+            f"name must have no line breaks and no control characters, got {told(name)}"
         )
 
 

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from salpchain.controllers.named import check_printable
 from salpchain.errors import InputError
 from salpchain.given import told, whole
 from salpchain.networks.actor_critic import ActorCritic
@@ -33,7 +34,7 @@ class PolicyCard:
     """What one must know to run a policy.
 
     Raises:
-        InputError: an unknown model, graph, observation or action.
+        InputError: a name that is no line of text; an unknown observation or action.
     """
 
     name: str = "gcn"
@@ -48,6 +49,7 @@ class PolicyCard:
         one_of("observation", self.observation, OBSERVATION_SIZES)
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
+        check_printable(self.name)
         set_field(self, "length", check_length(self.length))
         whole("steps", self.steps, least=0)
 

@@ -37,4 +37,7 @@ class ControlConfig:
         if not PAPER_DEPTH <= self.depth <= DEEPEST:
             raise InputError(f"depth must be {PAPER_DEPTH} to {DEEPEST} layers, got {self.depth}")
         if self.depth != PAPER_DEPTH and self.model in SINGLE_LENGTH:
-            raise InputError(f"an {self.model} has no graph layers: leave depth at {PAPER_DEPTH}")
+            raise InputError(
+                f"depth must stay {PAPER_DEPTH} for an {self.model}, which has no graph layers,"
+                f" got {self.depth}"
+            )

@@ -19,6 +19,7 @@ from salpchain.report.picture import chains_picture
 from salpchain.report.style import GREY, STYLE, legend_below, looks, percent_axes, save
 from salpchain.report.transfer import transfer_figure
 from salpchain.training.config import TrainConfig
+from salpchain.training.run_folder import CONFIG_FILE, check_run
 from salpchain.training.settings import flat
 
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
@@ -115,7 +116,7 @@ def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
 
 def _settings(run: Path) -> dict[str, Any]:
     """Every setting of a run by its path; one that came later has its default."""
-    content = read_json(run / "config.json")
+    content = read_json(check_run(run) / CONFIG_FILE)
     if not (isinstance(content, dict) and isinstance(content.get("config"), dict)):
         raise InputError(f"{run / 'config.json'} does not describe a run")
     return {**flat(TrainConfig()), **_flatten(content["config"])}

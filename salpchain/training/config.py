@@ -112,7 +112,7 @@ class Mix:
             given = ",".join(map(str, self.weights))
             raise InputError(f"weights must be {least:f} to {most:.0f}, got {given}")
         if not 0 <= self.grow <= 1:
-            raise InputError(f"curriculum must lie in [0, 1], got {self.grow}")
+            raise InputError(f"grow must lie in [0, 1], got {self.grow}")
         if self.grow and len(self.lengths) < 2:
             raise InputError(
                 f"a curriculum needs several lengths, got {len(self.lengths) or 'one'}:"
@@ -150,6 +150,11 @@ class TrainConfig:
             check_name(self.name)
         if len(self.lengths) > 1:
             self._check_many_lengths()
+        if max(self.lengths) != self.task.length:
+            raise InputError(
+                f"task.length must be the longest of mix.lengths, {max(self.lengths)},"
+                f" got {self.task.length}"
+            )
 
     def _check_many_lengths(self) -> None:
         if self.control.model in SINGLE_LENGTH:
@@ -160,10 +165,6 @@ class TrainConfig:
             raise InputError(
                 f"a log-std for each unit (control.shared_log_std false, as in preset paper) serves"
                 f" one length only, got {len(self.lengths)} lengths: take preset quick"
-            )
-        if self.lengths[-1] != self.task.length:
-            raise InputError(
-                f"the task must have the longest length, {self.lengths[-1]}, got {self.task.length}"
             )
 
     @property

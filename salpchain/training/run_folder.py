@@ -17,7 +17,7 @@ from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_tex
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
-from salpchain.training.settings import changed
+from salpchain.training.settings import changed, part_of
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
@@ -94,15 +94,27 @@ def _version(name: str) -> str:
         return "not installed"
 
 
+def check_run(run: StrPath) -> Path:
+    """The folder of a run.
+
+    Raises:
+        InputError: there is no such folder, or it is that of no run.
+    """
+    run, right = Path(run), "give the folder that a training wrote"
+    if not run.exists():
+        raise InputError(f"no such run folder: {run} ({right})")
+    if not (run / CONFIG_FILE).is_file():
+        raise InputError(f"{run} is not a run folder: it has no {CONFIG_FILE} ({right})")
+    return run
+
+
 def read_config(run: StrPath) -> tuple[TrainConfig, int]:
     """The settings of a run, and over how many devices its chains are shared out.
 
     Raises:
         InputError: the folder is no run folder, or its settings are not understood.
     """
-    run = Path(run)
-    if not (run / CONFIG_FILE).is_file():
-        raise InputError(f"{run} is not a run folder: it has no {CONFIG_FILE}")
+    run = check_run(run)
     content = read_json(run / CONFIG_FILE)
     try:
         if content["format"] > FORMAT:
@@ -130,7 +142,10 @@ def train_config(values: dict[str, Any]) -> TrainConfig:
         if odd:
             raise TypeError(f"{sorted(odd)[0]!r} is unknown")
     values = {**values, "mix": {name: _frozen(value) for name, value in values["mix"].items()}}
-    built: dict[str, Any] = {name: kind(**values[name]) for name, kind in parts.items()}
+    built: dict[str, Any] = {}
+    for name, kind in parts.items():
+        with part_of(name):
+            built[name] = kind(**values[name])
     return TrainConfig(**{**values, **built})
 
 

@@ -4,7 +4,8 @@ The paths are those of a run's `config.json`. Imports nothing heavy: the command
 """
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -12,7 +13,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import Lengths, as_lengths, parse_lengths
 from salpchain.given import instance, told
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
-from salpchain.tasks.reach.config import KINDS, TaskConfig, is_kind, one_of
+from salpchain.tasks.reach.config import KINDS, TaskConfig, check_length, is_kind, one_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
 
@@ -40,15 +41,27 @@ def flat(config: TrainConfig) -> dict[str, Any]:
 
 
 def check_path(path: str) -> None:
-    """Raise InputError unless there is such a setting; the message names the nearest."""
+    """Raise InputError unless there is such a setting; the message names one that is near."""
     instance("a setting's path", path, str, "a text such as 'ppo.learning_rate'")
     if path in SETTINGS:
         return
-    last = {known.rpartition(".")[2]: known for known in SETTINGS}
-    near = difflib.get_close_matches(path, SETTINGS, n=1, cutoff=0.7)
-    near = near or [last[n] for n in difflib.get_close_matches(path.rpartition(".")[2], last, n=1)]
-    near = near or difflib.get_close_matches(path, SETTINGS, n=1, cutoff=0.0)
-    raise InputError(f"unknown setting {path!r}: perhaps {near[0]}")
+    last = {known.rpartition(".")[2]: known for known in SETTINGS}  # prefixes alone are not near
+    near = difflib.get_close_matches(path.rpartition(".")[2].lower(), last, n=1)
+    said = f"perhaps {last[near[0]]}" if near else "docs/settings.md lists all that there are"
+    raise InputError(f"unknown setting {path!r}: {said}")
+
+
+@contextmanager
+def part_of(part: str) -> Iterator[None]:
+    """Lets errors about a field of this part of the settings name it by its path."""
+    try:
+        yield
+    except InputError as error:
+        if f"{part}.{str(error).partition(' ')[0]}" not in SETTINGS:
+            raise
+        told = InputError(f"{part}.{error}")
+        told.typed = f"{part}.{error.typed}"
+        raise told from None
 
 
 def checked(path: str, value: Any) -> Any:
@@ -155,7 +168,10 @@ def _base(values: Mapping[str, Any]) -> TrainConfig:
     name = values.get("preset", "quick")
     one_of("preset", name, (*PRESETS, CUSTOM))
     given = {part: values[f"control.{part}"] for part in VARIANTS if f"control.{part}" in values}
-    length, control = values.get("task.length", TaskConfig.length), ControlConfig(**given)
+    with part_of("control"):
+        control = ControlConfig(**given)
+    with part_of("task"):
+        length = check_length(values.get("task.length", TaskConfig.length))
     if name == CUSTOM:
         return TrainConfig(task=TaskConfig(length=length), control=control, preset=CUSTOM)
     base = PRESETS[name](length, control)
@@ -174,7 +190,10 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
         part, _, name = path.rpartition(".")
         parts.setdefault(part, {})[name] = value
     whole = parts.pop("", {})
-    built = {part: replace(getattr(config, part), **given) for part, given in parts.items()}
+    built: dict[str, Any] = {}
+    for part, given in parts.items():
+        with part_of(part):
+            built[part] = replace(getattr(config, part), **given)
     return replace(config, **built, **whole)
 
 

@@ -96,7 +96,12 @@ BAD = [
     (["train", "--out", "USED"], "already used"),
     (["train", "--out", "USED/thesis.tex"], "is a file"),
     (["train", "--resume", "--out", "USED"], "not a run folder"),
-    (["train", "--resume", "--out", "NEW"], "not a run folder"),
+    (["train", "--resume", "--out", "NEW"], "no such run folder"),
+    (["train", "--out", "NEW", "--name", "a\nb"], "no line breaks and no control characters"),
+    (["train", "--out", "NEW", "--name", "a\x1b[31mb"], "no line breaks and no control"),
+    (["completion"], "salpchain completion needs a shell: bash, zsh or fish"),
+    (["completion", "csh"], "unknown shell 'csh': choose one of bash, zsh, fish"),
+    (["figure"], "salpchain figure needs what to draw, learning or zero-shot"),
     (["evaluate"], "needs a run folder"),
     (["evaluate", "NEW"], "no such run folder or policy"),
     (["evaluate", "USED"], "not a run folder"),
@@ -108,7 +113,8 @@ BAD = [
     (["figure", "pie", "USED"], "choose one of learning, zero-shot"),
     (["figure", "learning"], "at least one folder"),
     (["figure", "zero-shot", "USED"], "no evaluation.json"),
-    (["figure", "learning", "USED"], "USED"),
+    (["figure", "learning", "USED"], "not a run folder: it has no config.json (give the folder that"),
+    (["figure", "learning", "NEW"], "no such run folder"),
     (["models", "--length", "900"], "2 to 512"),
     (["models", "any-length", "--length", "1"], "--length is for the list of controllers, got 1"),
     (["models", "any-length", "--observation", "body"], "--observation is for the list"),
@@ -155,6 +161,11 @@ BAD = [
     (["reproduce", "--out", "USED"], "holds something else than a study"),
     (["reproduce", "--out", "USED/thesis.tex"], "is a file"),
 ]
+
+
+def test_an_unknown_option_is_likened_to_near_ones_alone(capsys):
+    assert run(["bench", "--out", "x"]) == 2  # not to --quiet, which shares dashes
+    assert capsys.readouterr().err.strip().endswith("unknown argument '--out'")
 
 
 def test_an_mlp_is_refused_at_any_other_length_than_its_own(mlp, tmp_path, capsys):

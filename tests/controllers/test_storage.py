@@ -129,3 +129,10 @@ def test_no_name_at_all_is_refused_for_what_it_is():
 def test_the_card_is_plain_json(saved):
     policy, _ = saved
     assert json.loads(json.dumps(policy.card.as_dict()))["control"]["model"] == "gcn"
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", "a\u2028b"])
+def test_a_policy_cannot_be_called_what_does_not_stand_in_one_line(name):
+    with pytest.raises(InputError, match="no line breaks and no control characters") as refused:
+        PolicyCard(name=name)
+    assert str(refused.value).isprintable()

@@ -119,7 +119,10 @@ def test_a_depth_that_cannot_be_is_refused():
     for config, message in (
         ({"depth": 1}, "depth must be 2 to 8 layers, got 1"),
         ({"depth": 9}, "depth must be 2 to 8 layers, got 9"),
-        ({"model": "mlp", "depth": 3}, "an mlp has no graph layers: leave depth at 2"),
+        (
+            {"model": "mlp", "depth": 3},
+            "depth must stay 2 for an mlp, which has no graph",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             ControlConfig(**config)

@@ -53,7 +53,7 @@ class TaskConfig:
                 raise InputError(f"{name} must be True or False, got {told(getattr(self, name))}")
         if not (_is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
             raise InputError(
-                f"fine weight must be a number, 0 or more, got {told(self.fine_weight)}"
+                f"fine_weight must be a number, 0 or more, got {told(self.fine_weight)}"
             )
         for name in ("folded", "stalled"):
             share = getattr(self, name)
