@@ -1,6 +1,7 @@
 """Compiled control steps of a live world: few fixed sizes, so that no edit ever compiles."""
 
 import threading
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -190,6 +191,7 @@ def _act_at_one_length(
 ) -> Float[Array, "slot act"]:
     """The same in just as many slots as the controller has units."""
     length, slots = controller.card.length, len(target)
+    env = SCLD(replace(env.config, length=length))
     own = Chain(
         units=jax.tree.map(lambda x: x[:length], own.units),
         links=jax.tree.map(lambda x: x[: length - 1], own.links),
