@@ -53,7 +53,7 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 def is_scalar(value: Any) -> bool:
     """Whether this is a number, or an array or a tracer in the place of one."""
     if isinstance(value, int | float):
-        return not isinstance(value, bool) and value == value
+        return not isinstance(value, bool) and bool(value == value)
     return hasattr(value, "dtype")
 
 
