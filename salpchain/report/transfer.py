@@ -93,9 +93,24 @@ class Contents:
 
     @property
     def trained(self) -> list[int]:
-        """Lengths that the policies were trained on."""
+        """Lengths that the policies were trained on, as far as the figure reaches."""
         cards = [s["card"] for s in self.summaries if s.get("card", {}).get("steps")]
-        return sorted({card["length"] for card in cards})
+        low, high = self.reach
+        return sorted({card["length"] for card in cards if low <= card["length"] <= high})
+
+    @property
+    def size(self) -> float:
+        """Of the numbers of bars (points), which must not reach into the next bar."""
+        return 9.0 if len(self.series) <= 4 else max(8.0 - len(self.series) / 4, 5.0)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """From where to where the axis of lengths goes."""
+        first, last = self.lengths[0], self.lengths[-1]
+        pad = max(0.03 * (last - first), 0.25)
+        if self.single:
+            pad = BAR * (len(self.series) + 2) / 2
+        return first - pad, last + pad
 
     def is_close(self, measure: str) -> bool:
         """Whether any mean is in the range that the upper panels show."""
@@ -133,7 +148,10 @@ def transfer_figure(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -
 def _draw(panel: Axes, contents: Contents, measure: str, bars: bool) -> None:
     """All series of a measure, what they are seen against, and the limit above them."""
     for one in contents.series:
-        (_draw_bar if bars else _draw_line)(panel, one, measure)
+        if bars:
+            _draw_bar(panel, one, measure, contents.size)
+        else:
+            _draw_line(panel, one, measure)
     if not contents.single and contents.trained:
         *more, last = map(str, contents.trained)
         known = f"{', '.join(more)} and {last}" if more else last
@@ -158,21 +176,31 @@ def _draw_line(panel: Axes, one: Series, measure: str) -> None:
     )  # fmt: skip
 
 
-def _draw_bar(panel: Axes, one: Series, measure: str) -> None:
-    """A bar with its interval, and the mean in words at its foot or, where it is low, above it."""
+def _draw_bar(panel: Axes, one: Series, measure: str, size: float) -> None:
+    """A bar with its interval, and the mean in words at its foot or, where it is low, on its top.
+
+    On its top the words stand beside the line of the interval.
+    """
     lengths, mean, low, high = one.values(measure)
     at = lengths + one.shift
     panel.bar(
         at, mean, width=0.8 * BAR, color=one.look[0], alpha=0.75, zorder=2, label=one.name
     )  # fmt: skip
     panel.errorbar(at, mean, (mean - low, high - mean), color="black", fmt="none", zorder=3)
-    for x, value, top in zip(at, mean, high, strict=True):
+    for x, value, least in zip(at, mean, low, strict=True):
         words = f"{100 * value:.0f} %" if value < 0.995 or value == 1 else f"{100 * value:.1f} %"
-        inside = value > 0.15
+        inside = least > 0.15
+        place = {"ha": "center", "xytext": (0, 4)} if inside else {"ha": "left", "xytext": (2, 4)}
         panel.annotate(
-            words, (x, 0.0 if inside else max(top, 0.0)), (0, 4), textcoords="offset points",
-            ha="center", fontsize=9, weight="bold", color="white" if inside else "black", zorder=6,
-        )  # fmt: skip
+            words,
+            (x, 0.0 if inside else max(value, 0.0)),
+            textcoords="offset points",
+            **place,
+            fontsize=size,
+            weight="bold",
+            color="white" if inside else "black",
+            zorder=6,
+        )
 
 
 def _draw_limit(
@@ -196,12 +224,7 @@ def _label_lengths(panel: Axes, contents: Contents) -> None:
     panel.set_xlabel("length (units)")
     panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.0f}"))
-    if contents.single:
-        half = BAR * (len(contents.series) + 2) / 2
-        panel.set_xlim(lengths[0] - half, lengths[0] + half)
-    else:
-        pad = max(0.03 * (lengths[-1] - lengths[0]), 0.25)
-        panel.set_xlim(lengths[0] - pad, lengths[-1] + pad)
+    panel.set_xlim(*contents.reach)
     if _fit(lengths):
         panel.xaxis.set_major_locator(FixedLocator(lengths))
     else:

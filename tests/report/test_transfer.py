@@ -144,3 +144,31 @@ def test_what_is_close_to_the_top_is_enlarged(tmp_path):
 def test_where_nothing_is_close_to_the_top_nothing_is_enlarged(tmp_path):
     figure = drawn(tmp_path, (4, 8), closed_fraction=value(0.6), success=value(0.5))
     assert len(figure.axes) == 2
+
+
+@pytest.mark.parametrize("low", [0.0, 0.02])
+def test_the_number_of_a_low_bar_stands_on_it_beside_its_interval(tmp_path, low):
+    mean = {"mean": low, "low": 0.0, "high": 0.4}
+    figure = drawn(tmp_path, (24,), ("one", "other"), success=mean)
+    panel = figure.axes[-1]
+    bars = [bar for c in panel.containers if hasattr(c, "patches") for bar in c.patches]
+    for bar, text in list(zip(bars, panel.texts, strict=True))[:2]:
+        assert text.get_text() == f"{100 * low:.0f} %"
+        box, top = text.get_window_extent(), bar.get_window_extent().y1
+        assert 0 < box.y0 - top < box.height
+        middle = (bar.get_window_extent().x0 + bar.get_window_extent().x1) / 2
+        assert box.x0 > middle  # where the interval's line is
+
+
+def test_a_number_in_a_bar_is_not_crossed_by_its_interval(tmp_path):
+    for low, inside in ((0.05, False), (0.3, True)):
+        mean = {"mean": 0.5, "low": low, "high": 0.9}
+        text = drawn(tmp_path, (24,), success=mean).axes[-1].texts[0]
+        assert (text.xy[1] == 0) == inside == (text.get_ha() == "center")
+
+
+@pytest.mark.parametrize(("lengths", "named"), [((4, 16), True), ((16, 64), False)])
+def test_a_training_length_outside_the_figure_is_not_in_the_legend(tmp_path, lengths, named):
+    figure = drawn(tmp_path, lengths)
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert ("trained on 8 units" in told) == named
