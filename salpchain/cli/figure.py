@@ -21,8 +21,9 @@ SUFFIXES = (".png", ".pdf")
 class Figure:
     """Draw learning curves of runs, or zero-shot curves of evaluations, as PNG and PDF.
 
-    learning takes run folders; runs that differ in their seed alone are averaged (mean and
-    standard error). zero-shot takes folders with an evaluation.json, or such files.
+    learning takes run folders: lines are success in training, diamonds the deterministic
+    evaluations on the way and at the end. Runs that differ in their seed alone are averaged (mean
+    and standard error). zero-shot takes folders with an evaluation.json, or such files.
 
     Example: salpchain figure zero-shot results/eight --out figures/zero-shot.png
     """

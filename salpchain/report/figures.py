@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_json
+from salpchain.report.judged import MEASURES, draw_evaluations
 from salpchain.report.labels import check_once, labels
 from salpchain.report.picture import chains_picture
 from salpchain.report.style import GREY, STYLE, legend_below, looks, percent_axes, save
@@ -25,7 +26,7 @@ from salpchain.training.settings import flat
 __all__ = ["chains_picture", "learning_curves", "over_seeds", "zero_shot"]
 
 
-TOO_EARLY = "too early to tell: no start cohort is whole"
+TOO_EARLY = "in training: too early to tell, no start cohort is whole"
 
 
 class Curve(NamedTuple):
@@ -39,9 +40,12 @@ class Curve(NamedTuple):
 def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> list[Path]:
     """Success and closed fraction against chain-steps, as PNG and PDF; returns both paths.
 
-    Runs whose settings differ in nothing but the seed are one line: the mean over seeds, with its
-    standard error as a band. Each run is first averaged over the start cohorts that became whole
-    in the last `window` rollouts. `out` is the path of either file; its suffix does not matter.
+    Lines are the success in training, of the policy as it explores; points are the deterministic
+    evaluations on the way and the closing one, success with its 95 % interval. Runs whose settings
+    differ in nothing but the seed are one line: the mean over seeds, with its standard error as a
+    band, and so are their points. Each run is first averaged over the start cohorts that became
+    whole in the last `window` rollouts. `out` is the path of either file; its suffix does not
+    matter.
 
     Raises:
         InputError: no runs, or a folder without `config.json` or `metrics.csv`.
@@ -50,19 +54,27 @@ def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> 
         raise InputError("learning curves need at least one run folder")
     groups = _group_by_settings([Path(run) for run in runs])
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3.9), layout="constrained")
+        figure = Figure(figsize=(9, 4.2), layout="constrained")
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
-        for panel, measure in zip(panels, ("success", "closed_fraction"), strict=True):
-            for look, (name, logs) in zip(looks(), groups.items(), strict=False):
-                _draw_curve(panel, look, name, over_seeds(logs, measure, window))
-            if not any(len(np.asarray(line.get_xdata())) for line in panel.get_lines()):
-                panel.text(0.5, 0.5, TOO_EARLY, transform=panel.transAxes, ha="center", color=GREY)
-            panel.set_title(f"{measure.replace('_', ' ')} in training")
-            panel.set_xlabel("million chain-steps")
-            panel.set_xlim(left=0)
-        percent_axes(panels, f"{window}-rollout mean ± standard error")
+        for panel, measure in zip(panels, MEASURES, strict=True):
+            _draw_learning(panel, groups, measure, window)
+        error = " ± standard error" if any(len(runs) > 1 for runs in groups.values()) else ""
+        percent_axes(panels, f"lines: in training,\n{window}-rollout mean{error}")
         legend_below(figure, panels[:1])
         return save(figure, out)
+
+
+def _draw_learning(panel: Axes, groups: dict[str, list[Path]], measure: str, window: int) -> None:
+    """The curves of a measure in training, and over them the evaluations."""
+    panel.set_title(measure.replace("_", " "))
+    for look, (name, runs) in zip(looks(), groups.items(), strict=False):
+        logs = [_read_log(run) for run in runs]
+        _draw_curve(panel, look, name, over_seeds(logs, measure, window))
+    if not any(len(np.asarray(line.get_xdata())) for line in panel.get_lines()):
+        panel.text(0.5, 0.5, TOO_EARLY, transform=panel.transAxes, ha="center", color=GREY)
+    draw_evaluations(panel, list(groups.values()), measure)
+    panel.set_xlabel("million chain-steps")
+    panel.set_xlim(left=0)
 
 
 def over_seeds(logs: Sequence[pd.DataFrame], measure: str, window: int) -> Curve:
@@ -85,8 +97,8 @@ def _running_mean(log: pd.DataFrame, measure: str, window: int) -> pd.Series:
     return pd.Series(mean, index=log["steps"])
 
 
-def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
-    """The logs of the runs, those that differ only in their seed together, by a telling name.
+def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[Path]]:
+    """The runs, those that differ only in their seed together, by a telling name.
 
     Where a seed comes twice with the same settings, every run is a line of its own, by its folder.
     """
@@ -108,10 +120,7 @@ def _group_by_settings(runs: Sequence[Path]) -> dict[str, list[pd.DataFrame]]:
         else:
             groups += [(name, [run]) for run in folders]
     told = labels([name for name, _ in groups], [folders[0] for _, folders in groups])
-    return {
-        label: [_read_log(run) for run in folders]
-        for label, (_, folders) in zip(told, groups, strict=True)
-    }
+    return {label: folders for label, (_, folders) in zip(told, groups, strict=True)}
 
 
 def _settings(run: Path) -> dict[str, Any]:

@@ -26,6 +26,7 @@ SUMMARY_FILE = "summary.json"
 FORMAT = 1
 NEEDED = {"iteration", "steps", "seconds", "episodes", "success", "closed_fraction"}
 NEEDED |= {"reward_approach", "reward_goal"}
+EVALUATED = {"iteration", "steps", "trials", "success", "closed_fraction"}
 PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
 
 
@@ -217,6 +218,15 @@ def read_log(run: StrPath, remedy: str = ": delete it to go on") -> list[dict[st
         InputError: it is no such log; the message ends with the remedy.
     """
     return _read_rows(Path(run) / METRICS_FILE, NEEDED, remedy)
+
+
+def read_evaluations(run: StrPath) -> list[dict[str, str]]:
+    """The rows of a run's evaluations; none before the first.
+
+    Raises:
+        InputError: the file is no such table.
+    """
+    return _read_rows(Path(run) / EVALUATIONS_FILE, EVALUATED, remedy="")
 
 
 def _read_rows(

@@ -113,7 +113,7 @@ BAD = [
     (["figure", "pie", "USED"], "choose one of learning, zero-shot"),
     (["figure", "learning"], "at least one folder"),
     (["figure", "zero-shot", "USED"], "no evaluation.json"),
-    (["figure", "learning", "USED"], "not a run folder: it has no config.json (give the folder that"),
+    (["figure", "learning", "USED"], "not a run folder: it has no config.json (give"),
     (["figure", "learning", "NEW"], "no such run folder"),
     (["models", "--length", "900"], "2 to 512"),
     (["models", "any-length", "--length", "1"], "--length is for the list of controllers, got 1"),

@@ -274,4 +274,4 @@ def test_a_learning_figure_before_any_cohort_is_whole_says_so(tmp_path, monkeypa
     )
     learning_curves([run], tmp_path / "x.png")
     words = [[text.get_text() for text in panel.texts] for panel in said[0].axes]
-    assert words == [["too early to tell: no start cohort is whole"]] * 2
+    assert words == [["in training: too early to tell, no start cohort is whole"]] * 2
