@@ -25,6 +25,10 @@ from salpchain import devices  # noqa: F401 - SEEN uses it
 from salpchain.evaluation import kept  # noqa: F401 - SEEN uses it
 from salpchain.interop import steer
 from salpchain.interop.export import export
+from salpchain.report import figures, picture, replay, video
+from salpchain.report.picture import chains_picture
+from salpchain.report.replay import write_replay
+from salpchain.report.video import Film, write_video
 from salpchain.tasks.reach.task import renew_done
 from salpchain.training import run_folder
 
@@ -39,6 +43,7 @@ def work(*given, **named):
 
 testing._play = recording._begin = poses._play = work
 training._create = training.Sitting = work
+picture.Figure = replay.page = video.frames = figures.Figure = figures.transfer_figure = work
 
 
 def ones(abstract):
@@ -80,6 +85,7 @@ BATCH = ones(jax.eval_shape(jax.vmap(ENV.reset), jr.split(KEY, 2)))
 OTHER = ones(jax.eval_shape(salpchain.SCLD(POLICY.card.task(4)).reset, KEY))
 MPC = salpchain.MPC()
 PLAN = ones(jax.eval_shape(MPC.begin, STATE))
+SWIM = salpchain.Trajectory(**swim())
 STEER = salpchain.steering(POLICY, 3)
 ROBOT = {name: np.ones((3, 2)) for name in ("position", "velocity", "target", "force")}
 ROBOT |= {name: np.ones(3) for name in ("angle", "angular_velocity")}
@@ -128,13 +134,21 @@ GOOD = {
     "Trajectory": (salpchain.Trajectory, swim()),
     "Trajectory.load": (salpchain.Trajectory.load, {"path": "swim.npz"}),
     "trajectory.save": (salpchain.Trajectory(**swim()).save, {"path": "swim.npz"}),
+    "write_video": (
+        write_video,
+        {"swims": [SWIM], "out": "swim.gif", "film": None, "progress": print},
+    ),
+    "write_replay": (write_replay, {"swims": [SWIM], "out": "swim.html"}),
+    "chains_picture": (chains_picture, {"swims": [SWIM], "out": "swim.png", "rows": None}),
+    "learning_curves": (figures.learning_curves, {"runs": ["begun"], "out": "l.png", "window": 10}),
+    "zero_shot": (figures.zero_shot, {"evaluations": ["kept"], "out": "z.png"}),
     "export": (export, {"policy": salpchain.Greedy(), "path": "p.onnx", "kind": "onnx"}),
     "interop.steer.steering": (steer.steering, {"policy": POLICY, "length": 3}),
     **{
         type(own).__name__: (type(own), dict(vars(own)))
         for own in (
             *(CONFIG, CONFIG.task, CONFIG.control, CONFIG.ppo, salpchain.Mix((3, 4), (1.0, 1.0))),
-            *(ENV.physics, MPC, salpchain.Greedy(), salpchain.Approach(), POLICY.card),
+            *(ENV.physics, MPC, Film(), salpchain.Greedy(), salpchain.Approach(), POLICY.card),
         )
     },
 }

@@ -3,7 +3,7 @@
 import io
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -126,6 +126,21 @@ class Trajectory:
         except InputError as error:
             said = str(error)
             raise InputError(said if str(path) in said else f"{path}: {said}") from None
+
+
+def as_swims(meant: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
+    """The trajectories that a caller means: one, or several.
+
+    Raises:
+        InputError: something else, or none at all.
+    """
+    if isinstance(meant, Trajectory):
+        return [meant]
+    right = "a trajectory, such as salpchain.record or Trajectory.load give"
+    return [
+        given.instance("each of swims", swim, Trajectory, right)
+        for swim in given.several("swims", meant, "trajectories")
+    ]
 
 
 def _shapes(times: int, length: int) -> dict[str, tuple[int, ...]]:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from salpchain import given
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_json
 from salpchain.report.judged import MEASURES, draw_evaluations
@@ -37,7 +38,9 @@ class Curve(NamedTuple):
     error: Float[np.ndarray, " point"]
 
 
-def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> list[Path]:
+def learning_curves(
+    runs: StrPath | Sequence[StrPath], out: StrPath, window: int = 10
+) -> list[Path]:
     """Success and closed fraction against chain-steps, as PNG and PDF; returns both paths.
 
     Lines are the success in training, of the policy as it explores; points are the deterministic
@@ -50,9 +53,9 @@ def learning_curves(runs: Sequence[StrPath], out: StrPath, window: int = 10) -> 
     Raises:
         InputError: no runs, or a folder without `config.json` or `metrics.csv`.
     """
-    if not runs:
-        raise InputError("learning curves need at least one run folder")
-    groups = _group_by_settings([Path(run) for run in runs])
+    folders, out = given.paths("runs", runs), given.path("out", out)
+    given.whole("window", window, least=1)
+    groups = _group_by_settings(folders)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 4.2), layout="constrained")
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -178,7 +181,7 @@ def _draw_curve(panel: Axes, look: Any, name: str, curve: Curve) -> None:
     )
 
 
-def zero_shot(evaluations: Sequence[StrPath], out: StrPath) -> list[Path]:
+def zero_shot(evaluations: StrPath | Sequence[StrPath], out: StrPath) -> list[Path]:
     """Closed fraction and success against length, as PNG and PDF; returns both paths.
 
     `evaluations` are `evaluation.json` files or their folders. Bars are 95 % intervals. Beside
@@ -187,14 +190,13 @@ def zero_shot(evaluations: Sequence[StrPath], out: StrPath) -> list[Path]:
     Raises:
         InputError: no evaluations, or a file that is none.
     """
-    if not evaluations:
-        raise InputError("zero-shot curves need at least one evaluation.json")
-    summaries = [_read_evaluation(Path(path)) for path in evaluations]
-    folders = [_folder_of(Path(path)) for path in evaluations]
+    files, out = given.paths("evaluations", evaluations), given.path("out", out)
+    summaries = [_read_evaluation(path) for path in files]
+    folders = [_folder_of(path) for path in files]
     check_once(folders)
     names = _names_of(summaries, folders)
     with mpl.rc_context(STYLE):
-        return save(transfer_figure(summaries, names), Path(out))
+        return save(transfer_figure(summaries, names), out)
 
 
 def _names_of(summaries: Sequence[dict[str, Any]], folders: Sequence[Path]) -> list[str]:

@@ -15,8 +15,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from salpchain.errors import InputError
-from salpchain.evaluation.trajectory import Trajectory
+from salpchain import given
+from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_bytes
 from salpchain.report.shapes import REACHED, length_name, round_length, unit_outlines
 
@@ -46,7 +46,9 @@ class View:
         return float(self.size[0] / self.size[1])
 
 
-def chains_picture(swims: Sequence[Trajectory], out: StrPath, rows: int | None = None) -> Path:
+def chains_picture(
+    swims: Trajectory | Sequence[Trajectory], out: StrPath, rows: int | None = None
+) -> Path:
     """The swims as one PNG picture, each turned so that it leads to the right; returns its path.
 
     In each panel: the start pose in outline, the ways of the units, poses in between, the final
@@ -56,8 +58,9 @@ def chains_picture(swims: Sequence[Trajectory], out: StrPath, rows: int | None =
     Raises:
         InputError: no swims.
     """
-    if not swims:
-        raise InputError("a picture needs at least one swim")
+    swims, out = as_swims(swims), given.path("out", out)
+    if rows is not None:
+        given.whole("rows", rows, least=1)
     lines = _lines([_view(swim) for swim in swims], rows or (len(swims) + 2) // 3)
     heights = [_height(line) for line in lines]
     total = sum(heights) + GAP * (len(lines) + 1) + (HEADER + FOOTER) * len(lines)
@@ -71,7 +74,6 @@ def chains_picture(swims: Sequence[Trajectory], out: StrPath, rows: int | None =
             _draw(_panel(figure, place, total), view, view.size[1] / height, place)
             left += width + GAP
         top -= panel_height + GAP
-    out = Path(out)
     out.parent.mkdir(parents=True, exist_ok=True)
     content = io.BytesIO()
     figure.savefig(content, format="png")

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from salpchain import given
 from salpchain.errors import InputError
-from salpchain.evaluation.trajectory import Trajectory
+from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_text
 
 MOST = 12  # trajectories in a page (chosen; more are too small to be seen)
@@ -25,17 +26,18 @@ SCRIPTS = {
 }
 
 
-def write_replay(swims: Sequence[Trajectory], out: StrPath) -> Path:
+def write_replay(swims: Trajectory | Sequence[Trajectory], out: StrPath) -> Path:
     """The page with these trajectories side by side; returns its path.
 
     Raises:
         InputError: no trajectories, or more than a page shows.
         OSError: the folder is missing or not writable, or the disk is full.
     """
-    if not 1 <= len(swims) <= MOST:
+    swims, out = as_swims(swims), given.path("out", out)
+    if len(swims) > MOST:
         raise InputError(f"a replay shows 1 to {MOST} trajectories, got {len(swims)}")
     write_text(out, page(swims))
-    return Path(out)
+    return out
 
 
 def page(swims: Sequence[Trajectory]) -> str:

@@ -10,13 +10,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 from salpchain.errors import InputError
-from salpchain.evaluation.trajectory import Trajectory
+from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_bytes
+from salpchain.given import function, instance, path
 from salpchain.installation import install_command
 from salpchain.report.canvas import Canvas
 from salpchain.report.scene import DONE, INK, SHINE, Box, Scene, water
 from salpchain.report.shapes import place_colours
 from salpchain.report.strip import strip
+from salpchain.tasks.reach.config import check_kinds
 
 SUFFIXES = (".mp4", ".gif", ".png")
 SMALLEST, LARGEST = 64, 4096  # pixels, of a side of a video
@@ -48,6 +50,7 @@ class Film:
     speed: float = 2.0  # s of swimming for each second of the video
 
     def __post_init__(self) -> None:
+        check_kinds(self)
         for name, size in (("width", self.width), ("height", self.height)):
             if not SMALLEST <= size <= LARGEST or size % 2:
                 raise InputError(
@@ -64,7 +67,7 @@ DEFAULTS = {".mp4": Film(), ".gif": Film(640, 360, 15.0, 4.0), ".png": Film(320,
 
 
 def write_video(
-    swims: Sequence[Trajectory],
+    swims: Trajectory | Sequence[Trajectory],
     out: StrPath,
     film: Film | None = None,
     progress: Progress = _unheard,
@@ -78,11 +81,11 @@ def write_video(
         InputError: no trajectories, an unknown suffix, or PyAV is missing and an MP4 is wanted.
         OSError: the folder is missing or not writable, or the disk is full.
     """
-    out = Path(out)
+    out = path("out", out)
     suffix = check_suffix(out)
-    if not swims:
-        raise InputError("a video needs at least one trajectory")
-    film = film or DEFAULTS[suffix]
+    swims = as_swims(swims)
+    function("progress", progress)
+    film = instance("film", DEFAULTS[suffix] if film is None else film, Film, "a Film")
     if suffix == ".png":
         content = strip(swims, film.width, film.height)
     else:

@@ -142,7 +142,7 @@ def test_drawing_twice_gives_the_same_bytes_and_leaves_the_settings_alone(tmp_pa
 
 @pytest.mark.parametrize("draw", [learning_curves, zero_shot])
 def test_nothing_to_draw_is_an_error_that_says_what_is_needed(draw, tmp_path):
-    with pytest.raises(InputError, match="need at least one"):
+    with pytest.raises(InputError, match="must have at least one"):
         draw([], tmp_path / "x")
 
 

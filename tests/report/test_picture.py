@@ -50,5 +50,5 @@ def test_a_chain_that_never_moved_can_be_drawn(tmp_path):
 
 
 def test_no_swims_is_an_error(tmp_path):
-    with pytest.raises(InputError, match="at least one swim"):
+    with pytest.raises(InputError, match="swims must have at least one"):
         chains_picture([], tmp_path / "x")
