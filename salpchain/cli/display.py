@@ -23,6 +23,8 @@ from salpchain.training.settings import changed
 from salpchain.training.trainer import Watch
 
 PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
+PLAIN_MOVED = 2.0  # s between them where much was done meanwhile (chosen)
+MOVED = 0.1  # share of the work that is much (chosen)
 
 
 @contextmanager
@@ -81,7 +83,7 @@ def _plain(console: Console) -> Watch:
             return
         last = time.monotonic()
         line = f"{now.steps:>9,} / {now.total:,} steps  {_speed(now)}  {_score(now)}"
-        console.print(f"{line}  {now.seconds_left:.0f} s left", highlight=False)
+        console.print(f"{line}  {now.seconds_left:.0f} s left", highlight=False, soft_wrap=True)
 
     return watch
 
@@ -104,26 +106,55 @@ def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
         yield _plain_share(console, what)
         return
     columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.fields[now]}"))
-    with Progress(*columns, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+    pace = Pace()
+    with Progress(*columns, TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
                   console=console) as bar:  # fmt: skip
-        task = bar.add_task(what, total=1.0, now="")
-        yield lambda share, now: bar.update(task, completed=share, now=f"{what} {now}")
+        task = bar.add_task(what, total=1.0, now="", left="")
+
+        def watch(share: float, now: str) -> None:
+            left = pace.left(share, now)
+            said = "" if left is None else f"{_duration(left)} left"
+            bar.update(task, completed=share, now=f"{what} {now}", left=said)
+
+        yield watch
+
+
+class Pace:
+    """The time left, by the time in which the same thing was done.
+
+    What comes between two different things is compilation, which is not work that is left.
+    """
+
+    def __init__(self) -> None:
+        """Nothing is done yet."""
+        self._last = 0.0, 0.0, ""
+        self._seconds, self._done = 0.0, 0.0
+
+    def left(self, share: float, now: str) -> float | None:
+        """Seconds until all is done, now that this share is; None before that can be told."""
+        at, (before, had, what) = time.monotonic(), self._last
+        self._last = at, share, now
+        if now == what:
+            self._seconds += at - before
+            self._done += share - had
+        return (1 - share) * self._seconds / self._done if self._done > 0 else None
 
 
 def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
-    last, said = "", -PLAIN_EVERY
-    begun: tuple[float, float] | None = None  # when the first was told, and its share
+    last, said, told = "", -PLAIN_EVERY, 0.0
+    pace = Pace()
 
     def watch(share: float, now: str) -> None:
-        nonlocal last, said, begun
-        here = time.monotonic()
-        begun = begun or (here, share)
-        if now == last and here - said < PLAIN_EVERY:
+        nonlocal last, said, told
+        seconds, here = pace.left(share, now), time.monotonic()
+        wait = PLAIN_MOVED if share - told >= MOVED else PLAIN_EVERY
+        if now == last and here - said < wait and share < 1:
             return
-        last, said = now, here
-        pace = (share - begun[1]) / max(here - begun[0], 1e-9)
-        left = f", {_duration((1 - share) / pace)} left" if pace > 0 else ""
-        console.print(f"{what} {now}  ({100 * share:.0f} % done{left})", highlight=False)
+        last, said, told = now, here, share
+        left = f", {_duration(seconds)} left" if seconds is not None else ""
+        console.print(
+            f"{what} {now}  ({100 * share:.0f} % done{left})", highlight=False, soft_wrap=True
+        )
 
     return watch
 
@@ -149,7 +180,9 @@ def _plain_sweep(console: Console) -> Callable[[Overall], None]:
         if now.done == done and time.monotonic() - last < PLAIN_EVERY:
             return
         last, done = time.monotonic(), now.done
-        console.print(f"{100 * now.share:.1f} %  {_sweep_line(now)}", highlight=False)
+        console.print(
+            f"{100 * now.share:.1f} %  {_sweep_line(now)}", highlight=False, soft_wrap=True
+        )
 
     return watch
 

@@ -48,11 +48,13 @@ def trajectories(
         if source in files:
             swims.append((source, files[source]))
             continue
+        from salpchain.cli.display import share_display
         from salpchain.devices import use_devices
         from salpchain.evaluation.recording import record
 
         use_devices()
-        made = record(controllers[source], wanted, time_limit, start, which)
+        with share_display("recording") as watch:
+            made = record(controllers[source], wanted, time_limit, start, which, watch)
         swims += [(source, swim) for swim in made]
     return _told_apart(swims)
 

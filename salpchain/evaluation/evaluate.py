@@ -1,7 +1,7 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -19,14 +19,13 @@ from salpchain.controllers.policy import Controller, Planner
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE, Lengths, as_lengths
 from salpchain.evaluation.kept import check_kept, settings
+from salpchain.evaluation.progress import Progress, telling
 from salpchain.evaluation.statistics import Summary, summarise
 from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import PLAYED_LIMIT, TIME_LIMITS, check_seed, one_of, step_limit
-
-Progress = Callable[[float, str], None]  # told the share of all work done, and what is played
 
 
 def evaluate(
@@ -113,7 +112,7 @@ def _beside_baseline(
     if not isinstance(controller, Planner):
         return play([controller, *others], progress)
     # A planner would plan on for nothing while the baseline swims.
-    apart = [play([other], None)[0] for other in others]
+    apart = [play([other], partial(_at, progress, 0.0))[0] for other in others]
     return play([controller], progress) + apart
 
 
@@ -181,8 +180,8 @@ def _play(
     played = []
     for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
-        tell = partial(_tell, progress, before, part, f"{names}, {length} units")
-        played.append(run_limits(controllers, length, trials, time_limits, seed, tell))
+        with telling(progress, names, f"{length} units", before, part) as tell:
+            played.append(run_limits(controllers, length, trials, time_limits, seed, tell))
     return {
         limit: [
             pd.concat(parts, ignore_index=True)
@@ -192,9 +191,10 @@ def _play(
     }
 
 
-def _tell(progress: Progress | None, before: float, part: float, what: str, share: float) -> None:
+def _at(progress: Progress | None, share: float, _: float, what: str) -> None:
+    """Tells what is played, at a share of the work that stays."""
     if progress:
-        progress(before + part * share, what)
+        progress(share, what)
 
 
 def table(summary: Summary) -> Table:

@@ -1,5 +1,6 @@
 """Episodes recorded whole: the trials of an evaluation, with every body at every step."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -11,16 +12,17 @@ from jaxtyping import Array, Float, Int, Key
 from salpchain.controllers import named
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, act, begin
-from salpchain.evaluation.config import Lengths, as_lengths
+from salpchain.evaluation.config import Lengths, as_lengths, lengths_as_text
+from salpchain.evaluation.progress import Progress, compiling, telling
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.files import StrPath
-from salpchain.given import whole
+from salpchain.given import function, whole
 from salpchain.physics.batching import where
 from salpchain.physics.state import Bodies
 from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed
+from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed, step_limit
 from salpchain.tasks.reach.task import SCLD, State
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
@@ -42,13 +44,14 @@ def record(
     time_limit: str = PLAYED_LIMIT,
     seed: int = 0,
     trial: int = 0,
+    progress: Progress | None = None,
 ) -> list[Trajectory]:
     """The trajectory of one trial of each length, all recorded together.
 
-    The controller may be given by its name or path, lengths as one, several or `4..16`.
-
-    The starts are those of `run_trials`. A swim may end differently where it is chaotic: batches
-    of other sizes round differently.
+    The controller may be given by its name or path, lengths as one, several or `4..16`. `progress`
+    is told the share of the time limit that is played, and what is done. The starts are those of
+    `run_trials`; a swim may end differently where it is chaotic: batches of other sizes round
+    differently.
 
     Raises:
         InputError: no controller, an impossible length, seed, trial or time limit, or a length that
@@ -60,15 +63,15 @@ def record(
         controller.card.check_serves(length)
     seed, trial = check_seed(seed), whole("trial", trial, least=0, most=2**31 - 1)
     env = domain_for([controller], max(lengths), time_limit)
-    keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
-    start = _begin(env, jnp.concatenate(keys), jnp.array(lengths))
-    states, frames = _play_out(env, controller, start)
-    name, whose = controller.card.name, identity(controller)
-    about = {"policy": name, "identity": whose, "seed": seed, "trial": trial}
+    units = f"{lengths_as_text(lengths)} units"
+    with telling(function("progress", progress), controller.card.name, units) as tell:
+        start = _starts(env, lengths, seed, trial)
+        states, frames = _play_out(env, controller, start, tell)
+    about = {"policy": controller.card.name, "identity": identity(controller)}
+    about |= {"seed": seed, "trial": trial, "time_limit": time_limit}
     return [
         Trajectory(
             **about,
-            time_limit=time_limit,
             dt=float(env.physics.control_step),
             success=bool(states.goal[i]),
             target=np.asarray(states.target[i, :length]),
@@ -78,18 +81,30 @@ def record(
     ]
 
 
-def _play_out(env: SCLD, controller: Controller, states: State) -> tuple[State, Frame]:
+def _starts(env: SCLD, lengths: list[int], seed: int, trial: int) -> State:
+    """The trial of each length before its first step."""
+    keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
+    return _begin(env, jnp.concatenate(keys), jnp.array(lengths))
+
+
+def _play_out(
+    env: SCLD, controller: Controller, states: State, tell: Callable[[float], None]
+) -> tuple[State, Frame]:
     """The last states, and all frames (time, chain, ...) from the start on."""
+    limit = max(step_limit(env.config.time_limit, int(length)) for length in states.length)
     frames = [jax.tree.map(lambda x: np.asarray(x)[None], _frame(states))]
     memory = jax.vmap(lambda state: begin(controller, state))(states)
     while not bool(states.done.all()):
         states, memory, more = _play(env, controller, states, memory)
         frames.append(jax.tree.map(np.asarray, more))
+        tell(min((len(frames) - 1) * AT_ONCE / limit, 1.0))
+    tell(1.0)
     return states, jax.tree.map(lambda *parts: np.concatenate(parts), *frames)
 
 
 @eqx.filter_jit
 def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> State:
+    compiling()
     return jax.vmap(env.reset)(keys, lengths)
 
 
@@ -98,6 +113,7 @@ def _play(
     env: SCLD, controller: Controller, states: State, memory: Any
 ) -> tuple[State, Any, Frame]:
     """Some steps on; a chain stays as it is once its episode has ended."""
+    compiling()
 
     def advance(now: tuple[State, Any], _: None) -> tuple[tuple[State, Any], Frame]:
         states, memory = now

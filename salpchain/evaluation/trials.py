@@ -12,13 +12,15 @@ import numpy as np
 import pandas as pd
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
 from salpchain.controllers.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SLOTS
-from salpchain.evaluation.difficulty import Start, centroid, start_of
+from salpchain.evaluation.difficulty import centroid, start_of
+from salpchain.evaluation.measures import Trial, measures
+from salpchain.evaluation.progress import compiling
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
 from salpchain.physics.state import Physics
@@ -42,16 +44,6 @@ Progress = Callable[[float], None]  # told the share of the work that is done
 Memories = tuple[Any, ...]  # what each controller remembers
 
 
-class Trial(eqx.Module):
-    """One episode, with the sums that its measures need; in a batch, axes (trial, controller)."""
-
-    state: State
-    start: Start
-    effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
-    path: Float[Array, ""]  # m, way of the centroid
-    contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
-
-
 def run_trials(
     controllers: Sequence[Controller],
     length: int,
@@ -68,7 +60,7 @@ def run_trials(
     own number only. All controllers swim side by side, in one compiled program, and must speak
     the same observation and action. The physics are the paper's, and so is the Frechet distance
     (m) at which a target is taken, unless others are given. Columns: policy, length, trial, seed,
-    time_limit, and what `_measures` says.
+    time_limit, and what `measures` says.
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
@@ -110,8 +102,8 @@ def run_limits(
     about = {"length": length, "trial": np.arange(trials), "seed": seed}
     names = [controller.card.name for controller in controllers]
     return {
-        limit: _frames(names, {**about, "time_limit": limit}, measures, trials)
-        for limit, measures in zip(ascending, zip(*ended, strict=True), strict=True)
+        limit: _frames(names, {**about, "time_limit": limit}, measured, trials)
+        for limit, measured in zip(ascending, zip(*ended, strict=True), strict=True)
     }
 
 
@@ -131,7 +123,7 @@ def _play_limits(
     limits = [int(env.step_limit(length)) for env in envs]
     ends = _play_out(envs[-1], controllers, begun[-1], limits, progress)
     return [
-        _measures(env, eqx.tree_at(lambda trial: trial.start, end, first.start))
+        measures(env, eqx.tree_at(lambda trial: trial.start, end, first.start))
         for env, first, end in zip(envs, begun, ends, strict=True)
     ]
 
@@ -213,6 +205,8 @@ def _mesh(trials: int) -> Mesh:
 def _begin_all(
     env: SCLD, controllers: int, length: Int[Array, ""], keys: Key[Array, " trial"]
 ) -> Trial:
+    compiling()
+
     def for_each(x: Array) -> Array:
         return jnp.broadcast_to(x[:, None], (len(keys), controllers, *x.shape[1:]))
 
@@ -245,10 +239,13 @@ def _play_out(
     swimming, places = trials, np.arange(len(trials.effort))
     memories, last, ends = _remember(controllers, trials), limits[-1], []
     stride = -(-last // REPORTS)
+    _compile(env, controllers, swimming, memories, trials)
+    progress(0.0)
     for until in sorted({*range(stride, last, stride), *limits}):
         swimming, memories = play(env, controllers, swimming, memories, jnp.int32(until))
-        ends += [_put(trials, swimming, places)] * list(limits).count(until)
-        going = np.asarray(~swimming.state.done.all(axis=1))
+        if until in limits:
+            ends += [_put(trials, swimming, places)] * list(limits).count(until)
+        going = _going(swimming)
         if not going.any():
             break
         progress(until / last)
@@ -258,8 +255,27 @@ def _play_out(
             stay = np.argsort(~going, stable=True)[: _share_evenly(-(-len(places) // FEWER))]
             swimming, memories = _take((swimming, memories), stay)
             places = places[stay]
+            _compile(env, controllers, swimming, memories, trials)
+            progress(until / last)
     progress(1.0)
     return ends + [_put(trials, swimming, places)] * (len(limits) - len(ends))
+
+
+def _compile(
+    env: SCLD, controllers: Sequence[Controller], some: Trial, memories: Memories, trials: Trial
+) -> None:
+    """Compiles what plays some of the trials, if it must, by making no step with it.
+
+    So compiling can be told apart from swimming.
+    """
+    after, _ = play(env, controllers, some, memories, jnp.int32(0))
+    _going(after)
+    jax.block_until_ready(_put(trials, after, np.arange(len(after.effort))))
+
+
+def _going(trials: Trial) -> np.ndarray:
+    """Of which trials some controller's episode has not ended."""
+    return np.asarray(~trials.state.done.all(axis=1))
 
 
 def _put(trials: Trial, some: Trial, places: np.ndarray) -> Trial:
@@ -297,6 +313,7 @@ def play(
     until: Int[Array, ""],
 ) -> tuple[Trial, Memories]:
     """The trials after control step `until`, those that have ended as they ended."""
+    compiling()
     weights, rest = eqx.partition(controllers, eqx.is_array)
 
     def mine(weights: Any, trials: Trial, memories: Memories, until: Array) -> Any:
@@ -356,39 +373,3 @@ def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
         path=trial.path + jnp.linalg.norm(moved),
         contact_steps=trial.contact_steps + state.chain.touching,
     )
-
-
-def _measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
-    """The measures of finished trials by name, each (trial, controller).
-
-    success, closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without
-    success), steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never
-    moved), contact_time (s, of the control steps in which some two units pushed each other),
-    reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
-    turn_steps (before which no chain that stays straight has turned to the target's direction),
-    how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
-    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
-    """
-    state = trials.state
-    success, time = np.asarray(state.goal), np.asarray(state.time)
-    moved = jax.vmap(jax.vmap(centroid))(state.chain) - trials.start.origin
-    straight = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
-    path = np.asarray(trials.path, np.float64)
-    final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
-    names = ("reachable", "fewest_steps", "turn_steps", "far", "turn", "bend")
-    given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
-    steps_to_goal = np.where(success, time, np.nan)
-    return {
-        "success": success,
-        "closed_fraction": 1 - final / start,
-        "final_distance": final,
-        "start_distance": start,
-        "steps_to_goal": steps_to_goal,
-        "steps": time,
-        "thrust_effort": np.asarray(trials.effort, np.float64),
-        "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
-        "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
-        **given,
-        "regret": np.where(success, 0.0, given["reachable"] - (1 - final / start)),
-        "time_ratio": steps_to_goal / given["fewest_steps"],
-    }

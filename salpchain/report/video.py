@@ -1,7 +1,7 @@
 """Videos of trajectories: MP4 by PyAV, which brings its own ffmpeg; GIF and PNG by Pillow."""
 
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ SQUARENESS = 1.5  # wanted width of a panel for its height (chosen)
 
 Pixels = UInt8[np.ndarray, "height width 4"]
 Progress = Callable[[float], None]
+Told = Callable[[Iterable[Any], int, int], Iterator[Any]]
 
 
 def _unheard(_: float) -> None:
@@ -90,8 +91,9 @@ def write_video(
         content = strip(swims, film.width, film.height)
     else:
         write = _mp4 if suffix == ".mp4" else _gif
-        content = write(_told(frames(swims, film), num_frames(swims, film), progress), film)
+        content = write(frames(swims, film), film, _counted(num_frames(swims, film), progress))
     write_bytes(out, content)
+    progress(1.0)
     return out
 
 
@@ -171,12 +173,18 @@ def layout(count: int, film: Film) -> list[Box]:
     return boxes
 
 
-def _told(made: Iterator[Pixels], count: int, progress: Progress) -> Iterator[Pixels]:
-    """The same frames; the share that is done is reported now and then."""
-    for index, frame in enumerate(made):
-        if index % 30 == 0:
-            progress(index / count)
-        yield frame
+def _counted(count: int, progress: Progress) -> Told:
+    """What gives on the same frames and reports the share of all work that was done before each.
+
+    Called with the frames of a pass over them, which of how many passes it is, and how many.
+    """
+
+    def told(made: Iterable[Any], which: int, passes: int) -> Iterator[Any]:
+        for index, frame in enumerate(made):
+            progress((which * count + index) / (passes * count))
+            yield frame
+
+    return told
 
 
 def _av() -> Any:
@@ -189,7 +197,7 @@ def _av() -> Any:
     return av
 
 
-def _mp4(made: Iterator[Pixels], film: Film) -> bytes:
+def _mp4(made: Iterator[Pixels], film: Film, told: Told) -> bytes:
     """H.264 that every browser plays."""
     av, content = _av(), io.BytesIO()
     rate = round(film.rate)
@@ -197,20 +205,22 @@ def _mp4(made: Iterator[Pixels], film: Film) -> bytes:
     with av.open(content, mode="w", format="mp4") as file:
         stream = file.add_stream("libx264", rate=rate, options=options)
         stream.width, stream.height, stream.pix_fmt = film.width, film.height, "yuv420p"
-        for pixels in made:
+        for pixels in told(made, 0, 1):
             frame = av.VideoFrame.from_ndarray(pixels, format="rgba")
             file.mux(stream.encode(frame))
         file.mux(stream.encode(None))
     return content.getvalue()
 
 
-def _gif(made: Iterator[Pixels], film: Film) -> bytes:
+def _gif(made: Iterator[Pixels], film: Film, told: Told) -> bytes:
     """All frames with the colours of a frame in which all is seen."""
     from PIL import Image
 
-    images = [Image.fromarray(pixels[..., :3].copy()) for pixels in made]
+    images = [Image.fromarray(pixels[..., :3].copy()) for pixels in told(made, 0, 2)]
     palette = _palette(images[len(images) // 2])
-    plain = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    plain = [
+        image.quantize(palette=palette, dither=Image.Dither.NONE) for image in told(images, 1, 2)
+    ]
     content = io.BytesIO()
     plain[0].save(
         content, "gif", save_all=True, append_images=plain[1:], loop=0,

@@ -14,6 +14,7 @@ from salpchain.controllers.approach import Approach
 from salpchain.controllers.greedy import Greedy
 from salpchain.evaluation import trials as module
 from salpchain.evaluation.limits import reachable
+from salpchain.evaluation.progress import telling
 from salpchain.evaluation.recording import record
 from salpchain.evaluation.trials import _remember, play, run_limits, run_trials, start_keys
 from salpchain.tasks.reach.config import ACTION_SIZES
@@ -224,6 +225,35 @@ def test_many_trials_are_played_in_blocks_with_the_same_results(monkeypatch, gre
     assert list(blocks.trial) == list(range(2 * TRIALS - 1))
     pd.testing.assert_frame_equal(blocks[:TRIALS], greedy)
     assert told == sorted(told) and told[-1] == 1.0
+
+
+def told_of(work):
+    """What is told of the work: shares and words."""
+    told = []
+    with telling(lambda *now: told.append(now), "greedy", "4 units") as tell:
+        work(tell)
+    return told
+
+
+def test_compiling_is_told_before_the_first_step_and_only_when_it_is_done():
+    def play_all(tell):
+        run_trials([Greedy()], LENGTH, 11, "fixed", SEED, tell)  # as many as in no other test
+
+    first, again = told_of(play_all), told_of(play_all)
+    compiled = "greedy, compiling for 4 units"
+    assert first[0] == (0.0, compiled)
+    assert compiled not in [now for _, now in first[first.index((0.0, "greedy, 4 units")) :]]
+    assert compiled not in [now for _, now in again]
+    assert [told for told in first if told[1] != compiled] == again
+
+
+def test_a_recording_tells_how_far_it_is_and_that_it_compiles():
+    told = []
+    record(Constant(0.0), [4, 5], "fixed", SEED, progress=lambda *now: told.append(now))
+    shares, words = zip(*told, strict=True)
+    assert list(shares) == sorted(shares) and shares[-1] == 1.0 and len(set(shares)) > 4
+    assert words[0].startswith("constant, compiling for ")
+    assert words[-1] == "constant, 4,5 units"
 
 
 @pytest.mark.parametrize(

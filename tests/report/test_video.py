@@ -56,7 +56,15 @@ def test_an_mp4_holds_every_frame_in_the_stated_size_and_rate(tmp_path):
     drawn = next(frames([one], SMALL))[..., :3].astype(int)
     assert np.abs(decoded[0].astype(int) - drawn).mean() < 4
     assert np.abs(decoded[-1].astype(int) - decoded[0]).max() > 100
-    assert told[0] == 0 and max(told) < 1
+    assert told[0] == 0 and told[-1] == 1 and told == sorted(told)
+    assert len(told) > num_frames([one], SMALL)
+
+
+def test_progress_moves_while_the_frames_of_a_gif_get_their_colours(tmp_path):
+    one, told = swim(5), []
+    write_video([one], tmp_path / "x.gif", SMALL, told.append)
+    assert told == sorted(told) and told[-1] == 1
+    assert len([share for share in told if share >= 0.5]) > num_frames([one], SMALL)
 
 
 def test_a_gif_goes_round_for_ever(tmp_path):

@@ -1,0 +1,55 @@
+"""What is measured of a trial, one episode."""
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from salpchain.evaluation.difficulty import Start, centroid
+from salpchain.tasks.reach.task import SCLD, State
+
+
+class Trial(eqx.Module):
+    """One episode, with the sums that its measures need; in a batch, axes (trial, controller)."""
+
+    state: State
+    start: Start
+    effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
+    path: Float[Array, ""]  # m, way of the centroid
+    contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
+
+
+def measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
+    """The measures of finished trials by name, each (trial, controller).
+
+    success, closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without
+    success), steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never
+    moved), contact_time (s, of the control steps in which some two units pushed each other),
+    reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
+    turn_steps (before which no chain that stays straight has turned to the target's direction),
+    how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
+    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
+    """
+    state = trials.state
+    success, time = np.asarray(state.goal), np.asarray(state.time)
+    moved = jax.vmap(jax.vmap(centroid))(state.chain) - trials.start.origin
+    straight = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
+    path = np.asarray(trials.path, np.float64)
+    final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
+    names = ("reachable", "fewest_steps", "turn_steps", "far", "turn", "bend")
+    given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
+    steps_to_goal = np.where(success, time, np.nan)
+    return {
+        "success": success,
+        "closed_fraction": 1 - final / start,
+        "final_distance": final,
+        "start_distance": start,
+        "steps_to_goal": steps_to_goal,
+        "steps": time,
+        "thrust_effort": np.asarray(trials.effort, np.float64),
+        "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
+        "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
+        **given,
+        "regret": np.where(success, 0.0, given["reachable"] - (1 - final / start)),
+        "time_ratio": steps_to_goal / given["fewest_steps"],
+    }
