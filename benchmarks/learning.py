@@ -40,7 +40,7 @@ INPUTS, ACTIONS = OBSERVATION_SIZES["table1"], 2
 
 def iterations(config: TrainConfig, devices: int) -> float:
     """Chain-steps per second of training with these settings."""
-    env, mesh = SCLD(config.task), mesh_of(largest_divisor(config.ppo.envs, devices))
+    env, mesh = SCLD(config.task, config.world), mesh_of(largest_divisor(config.ppo.envs, devices))
     learner = place(new_learner(config, env), mesh)
     iterate = compile_iterate(config, env, mesh, learner)
     learner, _ = jax.block_until_ready(iterate(learner))

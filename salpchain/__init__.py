@@ -15,7 +15,7 @@ _PUBLIC = {
     "Chain": "salpchain.physics.state",
     "Physics": "salpchain.physics.state",
     "SCLD": "salpchain.tasks.reach.task",
-    "State": "salpchain.tasks.reach.task",
+    "State": "salpchain.tasks.state",
     "TaskConfig": "salpchain.tasks.reach.config",
     "Greedy": "salpchain.controllers.greedy",
     "Approach": "salpchain.controllers.approach",
@@ -63,7 +63,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.physics.state import Physics as Physics
     from salpchain.tasks.reach.config import TaskConfig as TaskConfig
     from salpchain.tasks.reach.task import SCLD as SCLD
-    from salpchain.tasks.reach.task import State as State
+    from salpchain.tasks.state import State as State
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig

@@ -29,7 +29,7 @@ from salpchain.report import figures, picture, replay, video
 from salpchain.report.picture import chains_picture
 from salpchain.report.replay import write_replay
 from salpchain.report.video import Film, write_video
-from salpchain.tasks.reach.task import renew_done
+from salpchain.tasks.task import renew_done
 from salpchain.training import run_folder
 
 
@@ -109,7 +109,7 @@ GOOD = {
     "steer.thrust": (STEER.thrust, ROBOT),
     "identity": (salpchain.identity, {"controller": salpchain.Greedy()}),
     "save_policy": (salpchain.save_policy, {"policy": POLICY, "path": "p", "half": False}),
-    "SCLD": (salpchain.SCLD, {"config": ENV.config, "physics": ENV.physics}),
+    "SCLD": (salpchain.SCLD, {"config": ENV.config, "world": ENV.world}),
     "env.reset": (traced(ENV.reset), {"key": KEY, "length": 3}),
     "env.start": (
         traced(ENV.start),

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Folder, Lengths, Whole, number, positive, text_option
+from salpchain.cli.options import Flag, Folder, Lengths, Whole, World, number, positive, text_option
 from salpchain.cli.streams import say
-from salpchain.controllers.named import is_name, load
+from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import make_writable
 from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
+from salpchain.world.presets import world_config
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,9 @@ class Evaluate:
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
+    world: World = "still"
+    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
+    vortex, failing, noisy or rough (docs/world.md)."""
     out: Folder = ""
     """Folder for the two files. Results in it of another policy, or of other trials, are kept and
     these are refused. Default: evaluation in the run folder, else evaluation-NAME in the working
@@ -58,21 +62,24 @@ def run(options: Evaluate) -> None:
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
     check_seed(seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
+    world = world_config(options.world)
+    check_there(options.policy)
+    from salpchain.devices import use_devices
+
+    use_devices()  # before JAX starts, which reading a policy does
     tested = load(options.policy)
     for length in lengths:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
-    from salpchain.devices import use_devices
     from salpchain.evaluation import too_short
     from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
 
-    use_devices()
     with share_display("testing") as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
-            progress=watch, overwrite=options.overwrite,
+            progress=watch, overwrite=options.overwrite, world=world,
         )  # fmt: skip
     said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
     note = too_short.of_summary(summary)

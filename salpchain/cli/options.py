@@ -20,6 +20,7 @@ Whole = Annotated[str, text_option("INT")]
 Name = Annotated[str, text_option("NAME")]
 Folder = Annotated[str, text_option("FOLDER")]
 Lengths = Annotated[str, text_option("FIRST:LAST:STEP | FIRST..LAST | N,N,...")]
+World = Annotated[str, text_option("NAME")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)

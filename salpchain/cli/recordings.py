@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from salpchain.cli.options import number, text_option
 from salpchain.cli.streams import say
-from salpchain.controllers.named import load
+from salpchain.controllers.named import check_there, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.report.labels import labels
 from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
+from salpchain.world.presets import world_config
 
 if TYPE_CHECKING:
+    from salpchain.controllers.policy import Controller
     from salpchain.evaluation.trajectory import Trajectory
 
 Limit = Annotated[str, text_option("scaled|fixed")]
@@ -21,7 +23,7 @@ Decimal = Annotated[str, text_option("NUMBER")]
 
 
 def trajectories(
-    sources: Sequence[str], lengths: str, seed: str, trial: str, time_limit: str
+    sources: Sequence[str], lengths: str, seed: str, trial: str, time_limit: str, world: str
 ) -> list["Trajectory"]:
     """For each source its swims: a recorded one (`.npz`), or one trial of each length.
 
@@ -36,27 +38,40 @@ def trajectories(
     if which < 0:
         raise InputError(f"--trial must be 0 or more, got {which}")
     one_of("time limit", time_limit, TIME_LIMITS)
-    from salpchain.evaluation.trajectory import Trajectory
-
-    files = {s: Trajectory.load(Path(s)) for s in sources if s.endswith(".npz")}
-    controllers = {s: load(s) for s in sources if s not in files}
-    for swimmer in controllers.values():
-        for length in wanted:
-            swimmer.card.check_serves(length)
+    water = world_config(world)
+    files, controllers = _read(sources, wanted)
     swims: list[tuple[str, Trajectory]] = []
     for source in sources:
         if source in files:
             swims.append((source, files[source]))
             continue
         from salpchain.cli.display import share_display
-        from salpchain.devices import use_devices
         from salpchain.evaluation.recording import record
 
-        use_devices()
         with share_display("recording") as watch:
-            made = record(controllers[source], wanted, time_limit, start, which, watch)
+            asked = controllers[source], wanted, time_limit, start, which
+            made = record(*asked, progress=watch, world=water)
         swims += [(source, swim) for swim in made]
     return _told_apart(swims)
+
+
+def _read(
+    sources: Sequence[str], lengths: Sequence[int]
+) -> tuple[dict[str, "Trajectory"], dict[str, "Controller"]]:
+    """The recorded swims and the controllers among the sources; these serve all lengths."""
+    for source in sources:
+        if not source.endswith(".npz"):
+            check_there(source)
+    from salpchain.devices import use_devices
+    from salpchain.evaluation.trajectory import Trajectory
+
+    use_devices()  # before JAX starts, which reading a policy does
+    files = {s: Trajectory.load(Path(s)) for s in sources if s.endswith(".npz")}
+    controllers = {s: load(s) for s in sources if s not in files}
+    for swimmer in controllers.values():
+        for length in lengths:
+            swimmer.card.check_serves(length)
+    return files, controllers
 
 
 def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]:

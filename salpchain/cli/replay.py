@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Lengths, Whole, text_option
+from salpchain.cli.options import Flag, Lengths, Whole, World, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
@@ -37,6 +37,9 @@ class Replay:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    world: World = "still"
+    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
+    vortex, failing, noisy or rough (docs/world.md)."""
     overwrite: Flag = False
     """Replace the file if it exists."""
 
@@ -45,7 +48,7 @@ def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
     out = check_out(options.out, (".html",), "replay")
-    asked = options.length, options.seed, options.trial, options.time_limit
+    asked = options.length, options.seed, options.trial, options.time_limit, options.world
     from salpchain.report.replay import write_replay
 
     with writing(out):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Whole, number, text_option
+from salpchain.cli.options import Flag, Whole, World, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.controllers.named import load
@@ -36,6 +36,9 @@ class Rollout:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    world: World = "still"
+    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
+    vortex, failing, noisy or rough (docs/world.md)."""
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write. One that holds another episode is kept, and this one refused."""
     overwrite: Flag = False
@@ -50,7 +53,7 @@ def run(options: Rollout) -> None:
     if options.policy.endswith(".npz"):
         raise InputError(f"{options.policy} is recorded already: give a policy")
     length = str(check_length(number("length", options.length)))
-    asked = length, options.seed, options.trial, options.time_limit
+    asked = length, options.seed, options.trial, options.time_limit, options.world
     with writing(out):
         if out.exists() and not options.overwrite:
             _check_same(out, options)
@@ -70,9 +73,10 @@ def _check_same(out: Path, options: Rollout) -> None:
 
     try:
         kept = Trajectory.load(out)
-        has = kept.identity, kept.length, kept.seed, kept.trial, kept.time_limit
+        has = kept.identity, kept.length, kept.seed, kept.trial, kept.time_limit, kept.world
     except InputError:
         has = ()
     numbers = [number(name, getattr(options, name)) for name in ("length", "seed", "trial")]
-    if has != (identity(load(options.policy)), *numbers, options.time_limit):
+    asked = *numbers, options.time_limit, options.world
+    if has != (identity(load(options.policy)), *asked):
         check_new(out)

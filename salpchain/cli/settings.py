@@ -56,19 +56,21 @@ def _check_format(version: Any, path: Path) -> None:
         raise InputError(f"{path} was made by a newer salpchain: upgrade salpchain")
 
 
-def _flattened(content: Any) -> dict[str, Any]:
-    """Values by path; one that is no table where a table belongs stays, to be refused."""
+TABLES = {path[:i] for path in SETTINGS for i, letter in enumerate(path) if letter == "."}
+
+
+def _flattened(content: Any, above: str = "") -> dict[str, Any]:
+    """Values by path, of the table whose path is `above`.
+
+    Raises:
+        InputError: something else where a table belongs.
+    """
     if not isinstance(content, dict):
-        raise InputError(f"settings must be a table, got {content!r}")
-    tables = {path.partition(".")[0] for path in SETTINGS if "." in path}
+        raise InputError(f"{above or 'settings'} must be a table, got {content!r}")
     values: dict[str, Any] = {}
     for name, value in content.items():
-        if name not in tables:
-            values[name] = value
-        elif not isinstance(value, dict):
-            raise InputError(f"{name} must be a table, got {value!r}")
-        else:
-            values |= {f"{name}.{inner}": given for inner, given in value.items()}
+        path = f"{above}.{name}" if above else name
+        values |= _flattened(value, path) if path in TABLES else {path: value}
     return values
 
 

@@ -23,6 +23,7 @@ PATHS = {
     "model": "control.model",
     "graph": "control.graph",
     "observation": "task.observation",
+    "world": "world.name",
     "seed": "seed",
     "steps": "steps",
     "weights": "mix.weights",
@@ -64,6 +65,9 @@ class Train:
     """body (a unit's own view; quick on one length), table1 (the paper's 24 numbers; paper),
     proximity (body and the nearest unit that is no neighbour; quick on several lengths), anonymous
     (proximity without the place in the chain) or metric (proximity with what is far in metres)."""
+    world: Name = ""
+    """Where it trains: still (the paper's; default), or a world drawn anew for each episode:
+    current, vortex, failing, noisy or rough (docs/world.md)."""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""
@@ -144,7 +148,7 @@ def _asked(options: Train) -> dict[str, Any]:
     Raises:
         InputError: an option that cannot be read.
     """
-    names = ("preset", "name", "model", "graph", "observation")
+    names = ("preset", "name", "model", "graph", "observation", "world")
     return {
         **{name: getattr(options, name) or None for name in names},
         **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
@@ -210,6 +214,7 @@ def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
         "model": config.control.model,
         "graph": config.control.graph,
         "observation": config.task.observation,
+        "world": config.world.name,
         "seed": config.seed,
         "steps": config.steps,
     }

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Lengths, Whole, text_option
+from salpchain.cli.options import Flag, Lengths, Whole, World, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import (
     Decimal,
@@ -49,6 +49,9 @@ class Video:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    world: World = "still"
+    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
+    vortex, failing, noisy or rough (docs/world.md)."""
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
     grid: Flag = False
@@ -78,7 +81,8 @@ def run(options: Video) -> None:
     with writing(out):
         if not options.overwrite:
             check_new(out)
-        swims = trajectories(sources, lengths, options.seed, options.trial, options.time_limit)
+        asked = options.seed, options.trial, options.time_limit, options.world
+        swims = trajectories(sources, lengths, *asked)
         if options.compare:
             _check_same_episode(swims)
         with share_display("drawing") as watch:

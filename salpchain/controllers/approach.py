@@ -18,7 +18,7 @@ from salpchain.physics.state import heading, wrap
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.targets import LINK
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 TOP_SPEED = 0.2  # m/s, of a chain (DESIGN section 3)
 HOLD = 5.0  # N for each m/s, against drag
@@ -73,7 +73,7 @@ class Approach(eqx.Module):
             InputError: a batch of states.
         """
         check_state(state, "act")
-        units, present = state.chain.units, state.chain.present
+        units, present = state.seen.units, state.seen.present
         ahead = heading(units.angle) * present[:, None]
         chain, target = pose(units.position, present), pose(state.target, present)
         goal = _speeds(chain, target, ahead, present.sum())

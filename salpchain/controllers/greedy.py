@@ -9,7 +9,7 @@ from salpchain.physics.state import heading
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.config import ACTION_SIZES
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 PULL = 5.0  # N per metre of error along the heading
 DAMPING = 2.0  # N per m/s along the heading
@@ -41,7 +41,7 @@ class Greedy(eqx.Module):
             InputError: a batch of states.
         """
         check_state(state, "act")
-        units = state.chain.units
+        units = state.seen.units
         ahead = heading(units.angle)
         error = jnp.sum((state.target - units.position) * ahead, axis=-1)
         speed = jnp.sum(units.velocity * ahead, axis=-1)

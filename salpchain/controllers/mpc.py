@@ -27,7 +27,8 @@ from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
 
 PLAN_STREAM = 2  # sets a planner's random numbers apart from those of the episode (chosen)
 AWAY = 0.5  # cost of each control step before the goal, beside the log distance (chosen)
@@ -165,6 +166,6 @@ class MPC(eqx.Module):
             done |= reached(chain, state.target)
             return (chain, done), jnp.where(done, 0.0, distances(chain, state.target).log + AWAY)
 
-        start = (state.chain, jnp.zeros((), bool))
+        start = (state.seen, jnp.zeros((), bool))
         (_, _), costs = jax.lax.scan(swim, start, thrusts)
         return costs.sum() + self.late * costs[-1]

@@ -26,7 +26,7 @@ from salpchain.tasks.reach.config import (
     one_of,
     set_field,
 )
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class PolicyCard:
     length: int = 8  # units in training, the longest
     lengths: tuple[int, ...] = ()  # units in training, all
     steps: int = 0  # chain-steps of training
+    world: str = "still"  # in which it was trained
 
     def __post_init__(self) -> None:
         one_of("observation", self.observation, OBSERVATION_SIZES)

@@ -24,6 +24,7 @@ from salpchain.trees import from_arrays, to_arrays
 KIND = "policy"
 VERSION = 1
 POLICY_FILE = "policy.safetensors"
+LATER = {"world"}  # what files of earlier versions do not say: the default holds
 
 
 def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:
@@ -90,8 +91,7 @@ def _card(header: dict[str, Any], path: Path) -> PolicyCard:
     try:
         control = ControlConfig(**header["control"])
         lengths = tuple(header["lengths"])
-        return PolicyCard(
-            **{**{k: header[k] for k in known}, "control": control, "lengths": lengths}
-        )
+        there = {name: header[name] for name in known - LATER | known & header.keys()}
+        return PolicyCard(**{**there, "control": control, "lengths": lengths})
     except (KeyError, TypeError, InputError) as error:
         raise InputError(f"{path} has a header that does not describe a policy ({error})") from None

@@ -7,8 +7,8 @@ from jaxtyping import Array, Float, Int
 from salpchain.evaluation.limits import fewest_steps, reachable, steps_to_turn
 from salpchain.physics.state import Chain, wrap
 from salpchain.tasks.reach.config import LONGEST, STEPS_PER_UNIT
-from salpchain.tasks.reach.targets import LINK
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 
 MOST_STEPS = STEPS_PER_UNIT * LONGEST  # control steps, of the longest chain's scaled limit
 
@@ -25,17 +25,18 @@ class Start(eqx.Module):
     bend: Float[Array, ""]  # rad, sum of all turns along the target
 
 
-def start_of(env: SCLD, state: State) -> Start:
+def start_of(env: Task, state: State) -> Start:
     """Of an episode that has just begun."""
     chain, target, length = state.chain, state.target, state.length
     limit, tolerance = env.step_limit(length), env.config.tolerance
     turn, bend = _turn_and_bend(chain, target)
+    physics = env.world_of(state).dynamics
     return Start(
         origin=centroid(chain),
-        reachable=reachable(env.physics, chain, target, limit),
-        fewest_steps=fewest_steps(env.physics, chain, target, tolerance, MOST_STEPS),
-        turn_steps=steps_to_turn(env.physics, length, turn, tolerance, MOST_STEPS),
-        far=state.start_distance / (length * LINK),
+        reachable=reachable(physics, chain, target, limit),
+        fewest_steps=fewest_steps(physics, chain, target, tolerance, MOST_STEPS),
+        turn_steps=steps_to_turn(physics, length, turn, tolerance, MOST_STEPS),
+        far=state.start_distance / (length * physics.link_length),
         turn=turn,
         bend=bend,
     )

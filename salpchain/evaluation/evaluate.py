@@ -26,6 +26,10 @@ from salpchain.files import StrPath, make_writable, write_json, write_text, writ
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import PLAYED_LIMIT, TIME_LIMITS, check_seed, one_of, step_limit
+from salpchain.world.config import WorldConfig
+from salpchain.world.presets import as_config
+
+STILL = WorldConfig()
 
 
 def evaluate(
@@ -38,6 +42,7 @@ def evaluate(
     baseline: bool = True,
     progress: Progress | None = None,
     overwrite: bool = False,
+    world: WorldConfig | str = "still",
 ) -> Summary:
     """The summary of the controller's trials, that of greedy's on the same starts as "baseline".
 
@@ -45,7 +50,8 @@ def evaluate(
     is that of `summarise` with the policy's "identity" and "card" besides; "baseline" is None where
     none was asked for, or the controller is the baseline. With `out`, a folder that is made if it
     is missing, `evaluation.csv` gets a row for each trial of both and `evaluation.json` the
-    summary; either file is whole or not there.
+    summary; either file is whole or not there. `world` is a world or the name of one, from which
+    each trial draws its own.
 
     Raises:
         InputError: no controller, no lengths, fewer than one trial, or an impossible length or time
@@ -57,13 +63,15 @@ def evaluate(
     flag("overwrite", overwrite)
     function("progress", progress)
     tested = named.controller(controller)
-    asked = _checked(tested, lengths, trials, time_limit, seed)
+    asked = _checked(tested, lengths, trials, time_limit, seed, world)
     compared = flag("baseline", baseline) and not isinstance(tested, Greedy)
     if out is None:
-        return _summary(tested, _beside_baseline(tested, compared, asked, progress), None)
+        played = _beside_baseline(tested, compared, asked, progress)
+        return _summary(tested, played, None, asked.world)
     with _one_at(path("out", out)) as folder:
         _claim(folder, tested, settings(*asked, compared), overwrite)
-        return _summary(tested, _beside_baseline(tested, compared, asked, progress), folder)
+        played = _beside_baseline(tested, compared, asked, progress)
+        return _summary(tested, played, folder, asked.world)
 
 
 class _Asked(NamedTuple):
@@ -73,10 +81,16 @@ class _Asked(NamedTuple):
     trials: int
     time_limit: str
     seed: int
+    world: WorldConfig
 
 
 def _checked(
-    controller: Controller, lengths: Lengths, trials: int, time_limit: str, seed: int
+    controller: Controller,
+    lengths: Lengths,
+    trials: int,
+    time_limit: str,
+    seed: int,
+    world: WorldConfig | str,
 ) -> _Asked:
     """The trials that are asked for.
 
@@ -87,7 +101,8 @@ def _checked(
     for length in units:
         controller.card.check_serves(length)
     one_of("time limit", time_limit, TIME_LIMITS)
-    return _Asked(units, whole("trials", trials, least=1), time_limit, check_seed(seed))
+    trials = whole("trials", trials, least=1)
+    return _Asked(units, trials, time_limit, check_seed(seed), as_config(world))
 
 
 @contextmanager
@@ -102,10 +117,10 @@ def _beside_baseline(
     controller: Controller, compared: bool, asked: _Asked, progress: Progress | None
 ) -> list[pd.DataFrame]:
     """The trials of the controller, and those of the baseline on the same starts, if compared."""
-    lengths, trials, time_limit, seed = asked
+    lengths, trials, time_limit, seed, world = asked
 
     def play(some: list[Controller], progress: Progress | None) -> list[pd.DataFrame]:
-        return _play(some, lengths, trials, (time_limit,), seed, progress)[time_limit]
+        return _play(some, lengths, trials, (time_limit,), seed, progress, world)[time_limit]
 
     spoken = controller.card.observation, controller.card.action
     others: list[Controller] = [Greedy(*spoken)] if compared else []
@@ -135,7 +150,7 @@ def evaluate_limits(
     """
     out = Path(out)
     for limit in time_limits:
-        asked = settings(lengths, trials, limit, seed, baseline=False)
+        asked = settings(lengths, trials, limit, seed, STILL, baseline=False)
         _claim(out / limit, controller, asked, overwrite)
     played = _play([controller], lengths, trials, time_limits, seed, progress)
     for limit in time_limits:
@@ -150,12 +165,16 @@ def _claim(out: Path, controller: Controller, asked: dict[str, Any], overwrite: 
 
 
 def _summary(
-    controller: Controller, frames: Sequence[pd.DataFrame], out: StrPath | None
+    controller: Controller,
+    frames: Sequence[pd.DataFrame],
+    out: StrPath | None,
+    world: WorldConfig = STILL,
 ) -> Summary:
     """What the trials of the controller and of its baseline, if there is one, say; as files too."""
     told = summarise(frames[0])
     whose = {"policy": told["policy"], "identity": identity(controller)}
     summary = whose | told | {"card": controller.card.as_dict()}
+    summary |= {"task": "reach", "world": world.label}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
         write_text(Path(out) / TRIALS_FILE, pd.concat(frames).to_csv(index=False))
@@ -170,6 +189,7 @@ def _play(
     time_limits: Sequence[str],
     seed: int,
     progress: Progress | None,
+    world: WorldConfig = STILL,
 ) -> dict[str, list[pd.DataFrame]]:
     """Under each time limit, the trials of each controller at all lengths."""
     if not lengths:
@@ -181,7 +201,7 @@ def _play(
     for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
         with telling(progress, names, f"{length} units", before, part) as tell:
-            played.append(run_limits(controllers, length, trials, time_limits, seed, tell))
+            played.append(run_limits(controllers, length, trials, time_limits, seed, tell, world))
     return {
         limit: [
             pd.concat(parts, ignore_index=True)

@@ -7,6 +7,7 @@ from typing import Any
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.files import StrPath, read_json
+from salpchain.world.config import WorldConfig
 
 
 def _refused(message: str) -> InputError:
@@ -16,7 +17,12 @@ def _refused(message: str) -> InputError:
 
 
 def settings(
-    lengths: Sequence[int], trials: int, time_limit: str, seed: int, baseline: bool
+    lengths: Sequence[int],
+    trials: int,
+    time_limit: str,
+    seed: int,
+    world: WorldConfig,
+    baseline: bool,
 ) -> dict[str, Any]:
     """What makes two evaluations of one controller the same, by the names of the options."""
     return {
@@ -24,6 +30,7 @@ def settings(
         "trials": trials,
         "time limit": time_limit,
         "seed": seed,
+        "world": world.label,
         "baseline": baseline,
     }
 
@@ -80,6 +87,7 @@ def _settings_of(summary: dict[str, Any]) -> dict[str, Any]:
         "trials": trials[0] if len(trials) == 1 else trials,
         "time limit": summary.get("time_limit"),
         "seed": summary.get("seed"),
+        "world": summary.get("world", "still"),
         "baseline": summary.get("baseline") is not None,
     }
 

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from salpchain.evaluation.difficulty import Start, centroid
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
 
 
 class Trial(eqx.Module):

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from salpchain.controllers.policy import Controller, PolicyCard, act, begin
 from salpchain.physics.state import Bodies, Physics
 from salpchain.tasks.observations import observe
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 
 class Noisy(eqx.Module):

@@ -23,7 +23,10 @@ from salpchain.physics.state import Bodies
 from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
 from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed, step_limit
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
+from salpchain.world.config import WorldConfig
+from salpchain.world.presets import as_config
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
 
@@ -45,13 +48,13 @@ def record(
     seed: int = 0,
     trial: int = 0,
     progress: Progress | None = None,
+    world: WorldConfig | str = "still",
 ) -> list[Trajectory]:
     """The trajectory of one trial of each length, all recorded together.
 
     The controller may be given by its name or path, lengths as one, several or `4..16`. `progress`
     is told the share of the time limit that is played, and what is done. The starts are those of
-    `run_trials`; a swim may end differently where it is chaotic: batches of other sizes round
-    differently.
+    `run_trials`; a chaotic swim may end differently, for other batches round differently.
 
     Raises:
         InputError: no controller, an impossible length, seed, trial or time limit, or a length that
@@ -62,23 +65,28 @@ def record(
     for length in lengths:
         controller.card.check_serves(length)
     seed, trial = check_seed(seed), whole("trial", trial, least=0, most=2**31 - 1)
-    env = domain_for([controller], max(lengths), time_limit)
+    water, name = as_config(world), controller.card.name
+    env = domain_for([controller], max(lengths), time_limit, water)
     units = f"{lengths_as_text(lengths)} units"
-    with telling(function("progress", progress), controller.card.name, units) as tell:
+    with telling(function("progress", progress), name, units) as tell:
         start = _starts(env, lengths, seed, trial)
         states, frames = _play_out(env, controller, start, tell)
-    about = {"policy": controller.card.name, "identity": identity(controller)}
-    about |= {"seed": seed, "trial": trial, "time_limit": time_limit}
-    return [
-        Trajectory(
-            **about,
-            dt=float(env.physics.control_step),
-            success=bool(states.goal[i]),
-            target=np.asarray(states.target[i, :length]),
-            **_fields(frames, i, length, int(states.time[i])),
-        )
-        for i, length in enumerate(lengths)
-    ]
+    about = {"policy": name, "identity": identity(controller)}
+    about |= {"seed": seed, "trial": trial, "time_limit": time_limit, "world": water.label}
+    return [_trajectory(env, about, states, frames, i, n) for i, n in enumerate(lengths)]
+
+
+def _trajectory(
+    env: SCLD, about: dict[str, Any], states: State, frames: Frame, index: int, length: int
+) -> Trajectory:
+    """One of the recorded chains."""
+    return Trajectory(
+        **about,
+        dt=float(env.physics.control_step),
+        success=bool(states.goal[index]),
+        target=np.asarray(states.target[index, :length]),
+        **_fields(frames, index, length, int(states.time[index])),
+    )
 
 
 def _starts(env: SCLD, lengths: list[int], seed: int, trial: int) -> State:

@@ -55,6 +55,7 @@ class Trajectory:
     reward: np.ndarray  # (step,) the task's, unshaped
     target: np.ndarray  # (unit, 2) m
     identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
+    world: str = "still"  # in which it swam
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -178,8 +179,9 @@ _SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "dt": ("f", float),
     "success": ("b", bool),
     "identity": ("U", str),
+    "world": ("U", str),
 }
-_LATER = {"identity": np.asarray("")}  # fields that files of before lack
+_LATER = {"identity": np.asarray(""), "world": np.asarray("still")}  # that old files lack
 
 
 def _plain(named: dict[str, np.ndarray], name: str, path: Path) -> Any:

@@ -23,7 +23,6 @@ from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
-from salpchain.physics.state import Physics
 from salpchain.switches import own_mesh
 from salpchain.tasks.reach.config import (
     GOAL_LIMIT,
@@ -32,7 +31,9 @@ from salpchain.tasks.reach.config import (
     check_seed,
     step_limit,
 )
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
+from salpchain.world.randomise import WorldLike, as_world
 
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
@@ -51,23 +52,23 @@ def run_trials(
     time_limit: str,
     seed: int,
     progress: Progress | None = None,
-    physics: Physics | None = None,
+    world: WorldLike = "still",
     tolerance: float = GOAL_LIMIT,
 ) -> list[pd.DataFrame]:
     """For each controller, a row of measures for each of its trials at this length.
 
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
     own number only. All controllers swim side by side, in one compiled program, and must speak
-    the same observation and action. The physics are the paper's, and so is the Frechet distance
-    (m) at which a target is taken, unless others are given. Columns: policy, length, trial, seed,
-    time_limit, and what `measures` says.
+    the same observation and action. The world is still, with the paper's physics, and the Frechet
+    distance (m) at which a target is taken is the paper's, unless others are given. Columns:
+    policy, length, trial, seed, time_limit, and what `measures` says.
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
             controller cannot serve, or controllers of different observations or actions.
     """
     limits = (time_limit,)
-    at = run_limits(controllers, length, trials, limits, seed, progress, physics, tolerance)
+    at = run_limits(controllers, length, trials, limits, seed, progress, world, tolerance)
     return at[time_limit]
 
 
@@ -79,7 +80,7 @@ def run_limits(
     time_limits: Sequence[str],
     seed: int,
     progress: Progress | None = None,
-    physics: Physics | None = None,
+    world: WorldLike = "still",
     tolerance: float = GOAL_LIMIT,
 ) -> dict[str, list[pd.DataFrame]]:
     """`run_trials` under several time limits: played once, to the last, and measured at each.
@@ -91,7 +92,7 @@ def run_limits(
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
     ascending = sorted(time_limits, key=lambda limit: step_limit(limit, length))
-    envs = [domain_for(controllers, length, limit, physics, tolerance) for limit in ascending]
+    envs = [domain_for(controllers, length, limit, world, tolerance) for limit in ascending]
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
     ended = []
@@ -147,7 +148,7 @@ def domain_for(
     controllers: Sequence[Controller],
     length: int,
     time_limit: str,
-    physics: Physics | None = None,
+    world: WorldLike = "still",
     tolerance: float = GOAL_LIMIT,
 ) -> SCLD:
     """The domain with as many slots as the length needs, few different numbers in all.
@@ -168,7 +169,7 @@ def domain_for(
     ):  # a planner pays for each slot many times over
         slots = length
     task = TaskConfig(slots, *spoken.pop(), time_limit, tolerance=tolerance)
-    return SCLD(task, physics or Physics())
+    return SCLD(task, as_world(world))
 
 
 def _share_evenly(trials: int) -> int:

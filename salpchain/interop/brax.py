@@ -17,7 +17,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from salpchain.errors import InputError
 from salpchain.interop.checks import task_of
 from salpchain.interop.extras import need
-from salpchain.tasks.reach.task import SCLD, State, renew_done
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
+from salpchain.tasks.task import renew_done
 
 need("brax", "brax")
 

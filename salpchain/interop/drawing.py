@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from salpchain.report.picture import FAINT, INK, PLACES, WATER
 from salpchain.report.shapes import unit_outlines
 from salpchain.tasks.features import CONTROL_STEP
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 SIDE = 480  # pixels
 MARGIN = 0.15  # m, around chain and target

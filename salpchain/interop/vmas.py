@@ -22,7 +22,7 @@ from salpchain.interop.torch_task import (
 from salpchain.physics.state import Physics
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.targets import LINK, SPAWN
-from salpchain.tasks.reach.task import FENCE_PER_UNIT
+from salpchain.tasks.task import FENCE_PER_UNIT
 
 need("torch", "vmas")
 need("vmas", "vmas")

@@ -15,9 +15,9 @@ from jaxtyping import Array, Float
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.derivatives import compress, direction, root
 from salpchain.physics.state import Chain, wrap
-from salpchain.tasks.reach.targets import LINK
 from salpchain.xla import once
 
+NEIGHBOUR = 0.07  # m, the scale of what is told of neighbours (fixed: policies learned with it)
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
 
 Row = Array  # (unit,) or (unit, batch)
@@ -152,7 +152,7 @@ def body(view: View, metric: bool = False) -> list[Row]:
     spread = root(sum(view.mean(_squares(beside))))
     vectors = [
         _times(view.velocity, 5.0),
-        *(_times(vector, 1 / LINK) for vector in neighbours),
+        *(_times(vector, 1 / NEIGHBOUR) for vector in neighbours),
         _times(error, near),
         _times(view.mean(view.velocity), 5.0),
         _times(beside, 1 / (spread + 0.01)),

@@ -13,6 +13,7 @@ from salpchain.tasks.reach.config import (
     one_of,
     set_field,
 )
+from salpchain.world.config import WorldConfig
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits
 MOST_BATCH = 10**8  # chain-steps between two updates (chosen; no machine has room for more)
@@ -133,6 +134,7 @@ class TrainConfig:
     control: ControlConfig = field(default_factory=ControlConfig)
     ppo: PPOConfig = field(default_factory=PPOConfig)
     mix: Mix = field(default_factory=Mix)
+    world: WorldConfig = field(default_factory=WorldConfig)
     preset: str = CUSTOM
     steps: int = 1_500_000  # chain-steps in all, rounded up to whole rollouts
     seed: int = 0

@@ -11,6 +11,8 @@ import pandas as pd
 from salpchain.controllers.policy import Policy
 from salpchain.evaluation.statistics import share
 from salpchain.evaluation.trials import run_trials
+from salpchain.world.config import WorldConfig
+from salpchain.world.presets import as_config
 
 SEED = 0  # of the starts: those of `salpchain evaluate`, which then tells the same (chosen)
 TIME_LIMIT = "scaled"
@@ -20,7 +22,9 @@ FEWEST = 20  # of each of several lengths (chosen)
 Evaluation = dict[str, Any]
 
 
-def evaluate_training(policy: Policy, lengths: Sequence[int]) -> Evaluation:
+def evaluate_training(
+    policy: Policy, lengths: Sequence[int], world: WorldConfig | str = "still"
+) -> Evaluation:
     """Success and closed fraction of the policy at these lengths, together and for each.
 
     `success` is {"mean", "low", "high"} with its 95 % Wilson interval, `closed_fraction` a mean,
@@ -29,7 +33,10 @@ def evaluate_training(policy: Policy, lengths: Sequence[int]) -> Evaluation:
     """
     policy = jax.tree.map(jnp.asarray, jax.device_get(policy))  # off the devices of the training
     trials = max(FEWEST, TRIALS // len(lengths))
-    frames = [run_trials([policy], n, trials, TIME_LIMIT, SEED)[0] for n in lengths]
+    frames = [
+        run_trials([policy], n, trials, TIME_LIMIT, SEED, world=as_config(world))[0]
+        for n in lengths
+    ]
     each = [{"length": n, **_measures(own)} for n, own in zip(lengths, frames, strict=True)]
     about = {"time_limit": TIME_LIMIT, "seed": SEED}
     return {**_measures(pd.concat(frames)), **about, "lengths": each}

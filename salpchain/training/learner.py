@@ -15,7 +15,8 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.devices import AXIS
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
 from salpchain.training.curriculum import Course, advance, draw_length, new_course
@@ -130,8 +131,7 @@ def metrics(
     policy: ActorCritic, losses: Losses, samples: Sample, outcomes: Outcome, cohort: Tally
 ) -> Metrics:
     """What an iteration saw on all devices."""
-    names = ("approach", "goal", "fine")
-    means = {n: jax.lax.pmean(getattr(outcomes.terms, n).mean(), AXIS) for n in names}
+    means = {n: jax.lax.pmean(term.mean(), AXIS) for n, term in outcomes.terms.items()}
     return Metrics(
         losses=losses,
         terms=means,

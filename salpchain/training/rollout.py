@@ -10,8 +10,8 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.devices import AXIS
 from salpchain.networks.actor_critic import ActorCritic
-from salpchain.tasks.reach.reward import Terms, own_progress
-from salpchain.tasks.reach.task import SCLD, DrawLength, State, renew_done
+from salpchain.tasks.state import State, Terms
+from salpchain.tasks.task import DrawLength, Task, renew_done
 
 
 class Sample(eqx.Module):
@@ -43,7 +43,7 @@ class Outcome(eqx.Module):
 
 
 def collect(
-    env: SCLD,
+    env: Task,
     policy: ActorCritic,
     states: State,
     key: PRNGKeyArray,
@@ -69,15 +69,15 @@ def collect(
     return states, samples, outcomes
 
 
-def _outcome(env: SCLD, before: State, after: State, final_value: Float[Array, ""]) -> Outcome:
+def _outcome(env: Task, before: State, after: State, final_value: Float[Array, ""]) -> Outcome:
     return Outcome(
         reward=after.reward,
-        own=own_progress(before.chain, after.chain, after.target, env.config.fine_weight),
+        own=env.credit(before, after),
         terms=after.terms,
         terminated=after.terminated,
         truncated=after.truncated & ~after.terminated,
         goal=after.goal,
-        is_scored=after.start_distance > env.config.tolerance,
+        is_scored=env.is_scored(after),
         final_value=final_value,
         closed=after.closed_fraction,
         metres=after.start_distance - after.distances.mean,

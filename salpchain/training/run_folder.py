@@ -10,14 +10,13 @@ import platform
 from collections.abc import Set
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_text
-from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import TaskConfig
-from salpchain.training.config import Mix, PPOConfig, TrainConfig
+from salpchain.training.config import TrainConfig
 from salpchain.training.settings import changed, part_of
+from salpchain.world.config import Range, as_range
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"
@@ -135,22 +134,25 @@ def train_config(values: dict[str, Any]) -> TrainConfig:
 
     One that is missing came with a later version, and has its default: what was done before.
     """
-    parts = {"task": TaskConfig, "control": ControlConfig, "ppo": PPOConfig, "mix": Mix}
-    values = {"mix": {}, **values}
-    for name, kind in (*parts.items(), (None, TrainConfig)):
-        given = values if name is None else values[name]
-        odd = given.keys() - {field.name for field in dataclasses.fields(kind)}
-        if odd:
-            raise TypeError(f"{sorted(odd)[0]!r} is unknown")
-    values = {**values, "mix": {name: _frozen(value) for name, value in values["mix"].items()}}
-    built: dict[str, Any] = {}
-    for name, kind in parts.items():
-        with part_of(name):
-            built[name] = kind(**values[name])
-    return TrainConfig(**{**values, **built})
+    return _built(TrainConfig, {"mix": {}, **values})
 
 
-def _frozen(value: Any) -> Any:
+def _built(kind: Any, values: dict[str, Any], above: str = "") -> Any:
+    """A dataclass of settings from plain values, and those within it; `above` is its path."""
+    kinds = get_type_hints(kind)
+    odd = values.keys() - kinds.keys()
+    if odd:
+        raise TypeError(f"{sorted(odd)[0]!r} is unknown")
+    built = {name: _value(kinds[name], value, name) for name, value in values.items()}
+    with part_of(above):
+        return kind(**built)
+
+
+def _value(kind: Any, value: Any, name: str) -> Any:
+    if dataclasses.is_dataclass(kind):
+        return _built(kind, value, name)
+    if kind is Range:
+        return as_range(value)
     return tuple(value) if isinstance(value, list) else value
 
 

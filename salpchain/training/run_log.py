@@ -147,7 +147,7 @@ class Journal:
         return summary
 
     def _evaluate(self, iteration: int, policy: Policy) -> Evaluation:
-        result = evaluate_training(policy, self.config.lengths)
+        result = evaluate_training(policy, self.config.lengths, self.config.world)
         steps = iteration * self.config.ppo.batch
         self.evaluations.add([_evaluated(iteration, steps, row) for row in result["lengths"]])
         self.log.board(iteration, {"evaluation_success": result["success"]["mean"]})
@@ -238,6 +238,7 @@ def _policy(config: TrainConfig, learner: Learner) -> Policy:
         length=config.task.length,
         lengths=config.lengths,
         steps=int(learner.iteration) * config.ppo.batch,
+        world=config.world.label,
     )
     return Policy(learner.policy, card)
 

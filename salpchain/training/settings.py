@@ -6,7 +6,8 @@ The paths are those of a run's `config.json`. Imports nothing heavy: the command
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import is_dataclass, replace
+from operator import attrgetter
 from typing import Any, get_type_hints
 
 from salpchain.errors import InputError
@@ -16,6 +17,8 @@ from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.tasks.reach.config import KINDS, TaskConfig, check_length, is_kind, one_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
+from salpchain.world.config import Range, as_range
+from salpchain.world.presets import world_config
 
 ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}
 VARIANTS = ("model", "graph")  # of the controller, for which a preset may have values of its own
@@ -26,7 +29,7 @@ def _kinds(config: Any, before: str = "") -> dict[str, Any]:
     """The type of every setting of a dataclass by its path."""
     found: dict[str, Any] = {}
     for name, kind in get_type_hints(config).items():
-        found |= _kinds(kind, f"{name}.") if is_dataclass(kind) else {before + name: kind}
+        found |= _kinds(kind, f"{before}{name}.") if is_dataclass(kind) else {before + name: kind}
     return found
 
 
@@ -35,9 +38,7 @@ SETTINGS = _kinds(TrainConfig)
 
 def flat(config: TrainConfig) -> dict[str, Any]:
     """The value of every setting by its path."""
-    values = asdict(config)
-    parts = {path: path.split(".") for path in SETTINGS}
-    return {path: values[p[0]] if len(p) == 1 else values[p[0]][p[1]] for path, p in parts.items()}
+    return {path: attrgetter(path)(config) for path in SETTINGS}
 
 
 def check_path(path: str) -> None:
@@ -72,12 +73,21 @@ def checked(path: str, value: Any) -> Any:
     """
     check_path(path)
     kind = SETTINGS[path]
+    if kind is Range:
+        return _range(path, value)
     value = tuple(value) if isinstance(value, list) else value
     if getattr(value, "shape", None) == ():  # a number of NumPy's or JAX's
         value = value.item()
     if not is_kind(value, kind):
         raise InputError(f"{path} must be {KINDS[kind]}, got {told(value)}")
     return float(value) if kind is float else value
+
+
+def _range(path: str, value: Any) -> Range:
+    try:
+        return as_range(value)
+    except InputError as error:
+        raise InputError(f"{path} {error}") from None
 
 
 def parsed(path: str, text: str) -> Any:
@@ -101,7 +111,7 @@ def _value(kind: Any, text: str) -> Any:
         return _whole(text)
     if kind is float:
         return float(text)
-    if kind is str:
+    if kind in (str, Range):
         return text
     text = text.strip().removeprefix("[").removesuffix("]")  # as config.json writes lists
     if kind == tuple[int, ...]:
@@ -139,7 +149,12 @@ def typed(sets: Sequence[str]) -> dict[str, Any]:
 
 
 def overlay(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings where those above win. The lengths go together: new ones replace all of the old."""
+    """Settings where those above win.
+
+    The lengths go together, and so does a world: new ones replace all of the old.
+    """
+    if above.get("world.name", below.get("world.name")) != below.get("world.name"):
+        below = {path: value for path, value in below.items() if not path.startswith("world.")}
     lengths = above.get("mix.lengths")
     if lengths:
         above = {"task.length": max(lengths), **above}
@@ -185,16 +200,23 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
     Raises:
         InputError: values that cannot be.
     """
+    if "world.name" in values:
+        config = replace(config, world=world_config(values["world.name"]))
+    return _replaced(config, values)
+
+
+def _replaced(config: Any, values: Mapping[str, Any], above: str = "") -> Any:
+    """A dataclass with these settings, by their paths in it; `above` is its own path."""
     parts: dict[str, dict[str, Any]] = {}
     for path, value in values.items():
-        part, _, name = path.rpartition(".")
-        parts.setdefault(part, {})[name] = value
-    whole = parts.pop("", {})
-    built: dict[str, Any] = {}
-    for part, given in parts.items():
-        with part_of(part):
-            built[part] = replace(getattr(config, part), **given)
-    return replace(config, **built, **whole)
+        part, _, inner = path.partition(".")
+        parts.setdefault(part, {})[inner] = value
+    built = {
+        part: given[""] if "" in given else _replaced(getattr(config, part), given, part)
+        for part, given in parts.items()
+    }
+    with part_of(above):
+        return replace(config, **built)
 
 
 def changed(config: TrainConfig) -> list[str]:

@@ -160,7 +160,7 @@ def train_together(
                 _create(config, run, devices)
         before = [run_folder.read_config(run)[1] for run in runs]
         devices = min(_go_on(*each, devices)[0] for each in zip(runs, configs, before, strict=True))
-        env = SCLD(configs[0].task)
+        env = SCLD(configs[0].task, configs[0].world)
         learners = [_saved_or_new(env, *both) for both in zip(configs, runs, strict=True)]
         come = [int(learner.iteration) for learner in learners]
         for iteration in sorted(set(come)):
@@ -191,7 +191,7 @@ class Sitting:
     @property
     def env(self) -> SCLD:
         """The task of all."""
-        return SCLD(self.configs[0].task)
+        return SCLD(self.configs[0].task, self.configs[0].world)
 
     def tell(self, progress: Progress | None) -> None:
         """Tells the watcher, if there is one."""

@@ -18,7 +18,8 @@ from salpchain.physics.chain import step
 from salpchain.physics.state import Bodies, Chain, Physics, heading
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
 
 SLOTS = (64, 128)  # units of all chains together, of a compiled step (chosen)
 CHAINS = 6  # that swim at once (chosen)

@@ -27,7 +27,8 @@ from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.reach.config import TaskConfig, step_limit
-from salpchain.tasks.reach.task import SCLD, State
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.state import State
 from studies import REPORT_FILE, RESULTS, add_part, claim, program, results_of
 
 LENGTHS = (4, 8, 16, 32)
@@ -107,7 +108,7 @@ def _swim_here(
 def with_changes(policy: Policy, setting: str, length: int, trials: int) -> pd.DataFrame:
     """The trials of one setting."""
     handicap, physics = SETTINGS[setting]
-    (frame,) = run_trials([handicap(policy)], length, trials, LIMIT, SEED, physics=physics)
+    (frame,) = run_trials([handicap(policy)], length, trials, LIMIT, SEED, world=physics)
     return frame.assign(setting=setting)[
         ["setting", "length", "trial", "success", "closed_fraction"]
     ]

@@ -13,6 +13,7 @@ from salpchain.errors import InputError
 from salpchain.training.config import TrainConfig
 from salpchain.training.run_folder import create, read_config
 from salpchain.training.settings import SETTINGS, changed, flat, overlay
+from salpchain.world.config import Range
 
 # Another value than quick's of every setting, what else it needs, and one that cannot be.
 VALUES = {
@@ -50,6 +51,32 @@ VALUES = {
     "mix.lengths": ("4..6", (4, 5, 6), (), "1,2"),
     "mix.weights": ("1,2", (1.0, 2.0), ("mix.lengths=4,8",), "nan"),
     "mix.grow": ("0.9", 0.9, ("mix.lengths=4,8",), "90"),
+    "world.name": ("rough", "rough", (), "tough"),
+    "world.dynamics.mass": ("0.8:1.2", (0.8, 1.2), (), "0"),
+    "world.dynamics.drag": ("1.1", (1.1, 1.1), (), "9"),
+    "world.dynamics.stiffness": ("0.5:2", (0.5, 2.0), (), "2:0.5"),
+    "world.current.speed": ("0:0.08", (0.0, 0.08), (), "-1"),
+    "world.current.shear": ("0.1", (0.1, 0.1), (), "nan"),
+    "world.current.vortex": ("0.05", (0.05, 0.05), (), "7"),
+    "world.current.vortex_radius": ("0.3", (0.3, 0.3), (), "0"),
+    "world.current.wander": ("0.01", (0.01, 0.01), (), "2"),
+    "world.current.relaxation": ("5", (5.0, 5.0), (), "0"),
+    "world.thrusters.dead": ("0:0.5", (0.0, 0.5), (), "1.5"),
+    "world.thrusters.failing": ("0.25", (0.25, 0.25), (), "a:b"),
+    "world.thrusters.gain": ("0.6:1", (0.6, 1.0), (), "3"),
+    "world.thrusters.lag": ("0.2", (0.2, 0.2), (), "-1"),
+    "world.thrusters.one_sided": ("true", True, (), "left"),
+    "world.sensing.position": ("0:0.01", (0.0, 0.01), (), "-1"),
+    "world.sensing.angle": ("0.1", (0.1, 0.1), (), "1:2:3"),
+    "world.sensing.position_bias": ("0.02", (0.02, 0.02), (), "-1"),
+    "world.sensing.angle_bias": ("0.02", (0.02, 0.02), (), "inf"),
+    "world.sensing.dropped": ("0.05", (0.05, 0.05), (), "2"),
+    "world.sensing.dropped_steps": ("10", (10.0, 10.0), (), "0.5"),
+    "world.sensing.stuck": ("0.05", (0.05, 0.05), (), "2"),
+    "world.sensing.stuck_steps": ("1:3", (1.0, 3.0), (), "0.5"),
+    "world.sensing.delay": ("0:3", (0.0, 3.0), (), "99"),
+    "world.sensing.action_delay": ("1", (1.0, 1.0), (), "99"),
+    "world.sensing.repeat": ("2", (2.0, 2.0), (), "99"),
     "preset": ("paper", "paper", (), "slow"),
     "steps": ("3e4", 30_000, (), "0"),
     "seed": ("7", 7, (), "-7"),
@@ -79,9 +106,10 @@ def test_a_setting_is_set_recorded_and_read_again(path, tmp_path):
     create(tmp_path / "run", config, 1, "cpu")
     assert read_config(tmp_path / "run")[0] == config
     content = json.loads((tmp_path / "run" / "config.json").read_text())
-    table, _, name = path.rpartition(".")
-    recorded = content["config"][table] if table else content["config"]
-    assert recorded[name] == (list(value) if isinstance(value, tuple) else value)
+    recorded = content["config"]
+    for name in path.split("."):
+        recorded = recorded[name]
+    assert recorded == (list(value) if isinstance(value, tuple) else value)
     again = asked(tmp_path, config=str(tmp_path / "run"))
     assert again == config
 
@@ -94,7 +122,7 @@ def test_a_wrong_value_of_a_setting_is_one_line_and_makes_nothing(path, tmp_path
     said = capsys.readouterr().err.strip()
     assert said.startswith("salpchain: error:") and "\n" not in said
     choice = said.startswith("salpchain: error: unknown ")
-    name = path.rpartition(".")[2] if choice else path
+    name = path.removesuffix(".name").rpartition(".")[2] if choice else path
     assert name in said.replace(" ", "_") and wrong.rstrip("0") in said
     assert list(tmp_path.iterdir()) == []
 
@@ -104,8 +132,9 @@ def test_a_setting_of_another_type_is_refused_in_files_and_in_python(path, tmp_p
     for wrong in ({"a": 1}, None, [[1]], "fast" if SETTINGS[path] is not str else 3):
         with pytest.raises(InputError, match=path):
             salpchain.preset(settings={path: wrong})
-    table, _, name = path.rpartition(".")
-    content = {table: {name: {"a": 1}}} if table else {name: {"a": 1}}
+    content = {"a": 1}
+    for name in reversed(path.split(".")):
+        content = {name: content}
     (tmp_path / "my.json").write_text(json.dumps(content))
     assert run(["train", "--out", new, "--config", str(tmp_path / "my.json")]) == 2
     said = capsys.readouterr().err
@@ -229,7 +258,8 @@ def test_the_page_of_settings_lists_each_with_its_value_in_quick():
     rows = dict(re.findall(r"^\| `([\w.]+)` \| [\w ]+ \| (\S+) \| \S.+ \|$", page, re.MULTILINE))
     assert list(rows) == list(SETTINGS)
     for path, value in flat(salpchain.preset()).items():
-        shown = json.dumps(value) if not isinstance(value, str | float) else f"{value}" or '""'
+        plain = isinstance(value, str | float | Range)
+        shown = str(value) or '""' if plain else json.dumps(value)
         assert rows[path] in (shown, f"{value:.4f}" if isinstance(value, float) else shown)
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import PolicyCard
-from salpchain.tasks.reach.task import State
+from salpchain.tasks.state import State
 
 
 class Constant(eqx.Module):

@@ -67,7 +67,7 @@ def test_a_larger_thrust_limit_is_a_larger_thrust():
 
 def test_trials_are_played_with_the_physics_given():
     heavy, plain = (
-        run_trials([Greedy()], 4, 8, "fixed", 0, physics=physics)[0]
+        run_trials([Greedy()], 4, 8, "fixed", 0, world=physics)[0]
         for physics in (changed(mass=3.0), Physics())
     )
     assert (heavy.fewest_steps > plain.fewest_steps).all()

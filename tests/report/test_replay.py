@@ -55,7 +55,7 @@ def test_a_page_loads_nothing_from_anywhere():
 
 @pytest.mark.parametrize("count", [0, 13])
 def test_no_or_too_many_swims_are_refused(count, tmp_path):
-    with pytest.raises(InputError, match="1 to 12|at least one"):
+    with pytest.raises(InputError, match=r"1 to 12|at least one"):
         write_replay([swim(2, times=2)] * count, tmp_path / "x.html")
     assert list(tmp_path.iterdir()) == []
 

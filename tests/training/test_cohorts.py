@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from salpchain.devices import AXIS
-from salpchain.tasks.reach.reward import Terms
 from salpchain.training.cohorts import count, lag, no_cohorts
 from salpchain.training.rollout import Outcome
 
@@ -52,7 +51,7 @@ def _outcome(done, goal, time, length, is_scored):
     return Outcome(
         reward=zero,
         own=zero[None],
-        terms=Terms(zero, zero, zero),
+        terms={"approach": zero, "goal": zero, "fine": zero},
         terminated=goal,
         truncated=done & ~goal,
         goal=goal,

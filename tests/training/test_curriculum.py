@@ -14,7 +14,8 @@ from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.reach.config import TaskConfig
-from salpchain.tasks.reach.task import SCLD, renew_done
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.task import renew_done
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.curriculum import advance, draw_length, new_course
 from salpchain.training.ppo import Lesson, loss

@@ -6,6 +6,7 @@ from typing import Any, get_args, get_type_hints
 
 from salpchain.errors import InputError
 from salpchain.given import index, instance, told
+from salpchain.world.config import Range
 
 SHORTEST, LONGEST = 2, 512  # units
 TIME_LIMITS = ("fixed", "scaled")
@@ -87,6 +88,7 @@ KINDS: dict[Any, str] = {
     str: "text",
     tuple[int, ...]: "whole numbers",
     tuple[float, ...]: "finite numbers",
+    Range: "a number or a range such as 0:0.08",
 }
 
 

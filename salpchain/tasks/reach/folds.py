@@ -6,19 +6,19 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.physics.state import Chain, at_rest, wrap
-from salpchain.tasks.reach.targets import LINK
+from salpchain.physics.contact import touching_distance
+from salpchain.physics.state import Chain, Physics, at_rest, wrap
+from salpchain.tasks.reach.targets import PAPER
 
 # All chosen
 FOLD = 3.2  # rad, the most that a fold turns, over a few joints
 SHARPEST = 1.6  # rad, the most that a fold turns at one joint
 WAVE = 0.15  # rad, standard deviation of what every joint turns besides
 ASKEW = 0.1  # rad, standard deviation of how a stalled chain is turned against its target
-APART = 0.064  # m, least distance of the centres of units that are no neighbours: the diagonal
 FLATTER = (1.0, 0.9, 0.8, 0.7, 0.5, 0.25, 0.0)  # times the turns, until no units overlap
 
 
-def folded(key: PRNGKeyArray, chain: Chain, length: int | Array) -> Chain:
+def folded(key: PRNGKeyArray, chain: Chain, length: int | Array, physics: Physics = PAPER) -> Chain:
     """The straight chain at rest, folded at a random place by a random angle and waved a little.
 
     The first unit and link stay where they are, no two units overlap, and what is at rest is the
@@ -26,11 +26,15 @@ def folded(key: PRNGKeyArray, chain: Chain, length: int | Array) -> Chain:
     """
     turns = _turns(key, chain.present.shape[0], length)
     angle, first = chain.units.angle[0], chain.units.position[0]
-    return _bent(chain, *_clear(first, angle, turns, chain.present), length)
+    return _bent(chain, *_clear(first, angle, turns, chain.present, physics), length)
 
 
 def stalled(
-    key: PRNGKeyArray, chain: Chain, target: Float[Array, "unit 2"], length: int | Array
+    key: PRNGKeyArray,
+    chain: Chain,
+    target: Float[Array, "unit 2"],
+    length: int | Array,
+    physics: Physics = PAPER,
 ) -> Chain:
     """The chain as `folded`, but bent like the target besides, and with one link on the target's.
 
@@ -42,7 +46,7 @@ def stalled(
     bends = jnp.where(joint < length - 2, wrap(jnp.diff(along)), 0.0)
     turns = bends + _turns(how, chain.present.shape[0], length)
     turns = jnp.clip(turns, -SHARPEST, SHARPEST)
-    angle, place = _clear(target[0], along[0], turns, chain.present)
+    angle, place = _clear(target[0], along[0], turns, chain.present, physics)
     link = jr.randint(which, (), 0, length - 1)
     turned = along[link] - angle[link] + ASKEW * jr.normal(askew)
     x, y = (place - place[link]).T
@@ -67,28 +71,34 @@ def _clear(
     angle: Float[Array, ""],
     turns: Float[Array, " joint"],
     present: Bool[Array, " unit"],
+    physics: Physics,
 ) -> tuple[Float[Array, " link"], Float[Array, "unit 2"]]:
     """Angles of the links and places of the units, with turns made flatter until none overlap."""
-    shapes = jax.vmap(lambda share: _laid(first, angle, share * turns))(jnp.array(FLATTER))
-    flattest = jnp.argmax(jax.vmap(lambda place: _is_clear(place, present))(shapes[1]))
+    shapes = jax.vmap(lambda share: _laid(first, angle, share * turns, physics))(jnp.array(FLATTER))
+    flattest = jnp.argmax(jax.vmap(lambda place: _is_clear(place, present, physics))(shapes[1]))
     return shapes[0][flattest], shapes[1][flattest]
 
 
 def _laid(
-    first: Float[Array, "2"], angle: Float[Array, ""], turns: Float[Array, " joint"]
+    first: Float[Array, "2"],
+    angle: Float[Array, ""],
+    turns: Float[Array, " joint"],
+    physics: Physics,
 ) -> tuple[Float[Array, " link"], Float[Array, "unit 2"]]:
     """Angles of the links, and places of the units, of a chain turned so at its inner units."""
     links = angle + jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
-    steps = LINK * jnp.stack([jnp.cos(links), jnp.sin(links)], axis=-1)
+    steps = physics.link_length * jnp.stack([jnp.cos(links), jnp.sin(links)], axis=-1)
     return links, jnp.concatenate([first[None], first + jnp.cumsum(steps, axis=0)])
 
 
-def _is_clear(place: Float[Array, "unit 2"], present: Bool[Array, " unit"]) -> Bool[Array, ""]:
+def _is_clear(
+    place: Float[Array, "unit 2"], present: Bool[Array, " unit"], physics: Physics
+) -> Bool[Array, ""]:
     """Whether no two units but neighbours are so near that they could overlap."""
     apart = jnp.sum((place[:, None] - place) ** 2, axis=-1)
     slot = jnp.arange(place.shape[0])
     counts = present[:, None] & present & (jnp.abs(slot[:, None] - slot) > 1)
-    return jnp.where(counts, apart, jnp.inf).min() > APART**2
+    return jnp.where(counts, apart, jnp.inf).min() > touching_distance(physics) ** 2
 
 
 def _bent(

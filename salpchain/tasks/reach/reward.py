@@ -12,14 +12,6 @@ from salpchain.tasks.reach.frechet import within_frechet
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)
 
 
-class Terms(eqx.Module):
-    """What a step is rewarded for, each before its weight."""
-
-    approach: Float[Array, ""]  # m, decrease of the mean distance to the target (equation 6)
-    goal: Float[Array, ""]  # 1 where the target pose is taken (equation 7)
-    fine: Float[Array, ""]  # decrease of the log distance: ours, an undiscounted potential
-
-
 def own_progress(
     before: Chain, after: Chain, target: Float[Array, "unit 2"], fine_weight: float
 ) -> Float[Array, " unit"]:
@@ -70,10 +62,17 @@ def reached(
     return within_frechet(chain.units.position, target, length, tolerance)
 
 
-def reward_terms(before: Distances, after: Distances, goal: Bool[Array, ""]) -> Terms:
-    """The terms of one step, from the potentials before and after it."""
-    return Terms(
-        approach=before.mean - after.mean,
-        goal=goal.astype(after.mean.dtype),
-        fine=before.log - after.log,
-    )
+def reward_terms(
+    before: Distances, after: Distances, goal: Bool[Array, ""]
+) -> dict[str, Float[Array, ""]]:
+    """The terms of one step, each before its weight, from the potentials before and after it.
+
+    approach: m, decrease of the mean distance to the target (equation 6); goal: 1 where the target
+    pose is taken (equation 7); fine: decrease of the log distance (ours, an undiscounted
+    potential).
+    """
+    return {
+        "approach": before.mean - after.mean,
+        "goal": goal.astype(after.mean.dtype),
+        "fine": before.log - after.log,
+    }

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from salpchain.physics.state import Chain, at_rest
+from salpchain.physics.state import Chain, Physics, Scalar, at_rest
 
-LINK = 0.07  # m, between neighbouring points (paper's world)
+LINK: float = Physics.link_length  # m, of the default physics  # pyright: ignore[reportAssignmentType]
+PAPER = Physics()  # the paper's
 SPAWN = 0.1  # m, the first unit starts with abs(x), abs(y) below this
 RADIUS = (0.05, 0.3)  # m, of target arcs, times max(1, n // 3)
 
@@ -48,22 +49,25 @@ class Bend(NamedTuple):
     double: Float[Array, ""]  # 1 where the second half turns the other way, else 0
 
 
-def spawn(draw: Draw, slots: int, length: int | Array) -> Chain:
+def spawn(draw: Draw, slots: int, length: int | Array, physics: Physics = PAPER) -> Chain:
     """A straight chain at rest near the origin, in a random direction; slots past `length` dead."""
     first = _between(-SPAWN, SPAWN, draw.spawn)
     angle = _between(0.0, 2 * jnp.pi, draw.angle)
-    along = LINK * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    along = physics.link_length * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     slot = jnp.arange(slots)
     present = slot < length
     position = first + slot[:, None] * along
     return at_rest(position, jnp.full(slots, angle), present, present[1:])
 
 
-def target_pose(draw: Draw, slots: int, length: int | Array) -> Float[Array, "slots 2"]:
+def target_pose(
+    draw: Draw, slots: int, length: int | Array, physics: Physics = PAPER
+) -> Float[Array, "slots 2"]:
     """A random target pose (m): one or two arcs, whose size and distance grow with the length."""
-    first = _sign(draw.sign) * _between(1.0, 2.0, draw.distance) * length * LINK
+    link = physics.link_length
+    first = _sign(draw.sign) * _between(1.0, 2.0, draw.distance) * length * link
     turn = _between(0.0, 2 * jnp.pi, draw.turn)
-    return first + curve(random_bend(draw, length), turn, slots, length)
+    return first + curve(random_bend(draw, length), turn, slots, length, link)
 
 
 def random_bend(draw: Draw, length: int | Array) -> Bend:
@@ -73,7 +77,11 @@ def random_bend(draw: Draw, length: int | Array) -> Bend:
 
 
 def curve(
-    bend: Bend, turn: Float[Array, ""] | float, slots: int, length: int | Array
+    bend: Bend,
+    turn: Float[Array, ""] | float,
+    slots: int,
+    length: int | Array,
+    link: Scalar = LINK,
 ) -> Float[Array, "slots 2"]:
     """Points one link apart along the bend, the first at the origin with its chord at `turn`.
 
@@ -81,7 +89,7 @@ def curve(
     """
     chord = jnp.arange(slots - 1)
     side = jnp.where(chord < (length + 1) // 2, 1.0, 1.0 - 2.0 * bend.double)
-    step = 2 * jnp.arcsin(jnp.minimum(LINK / (2 * bend.radius), 1.0))
+    step = 2 * jnp.arcsin(jnp.minimum(link / (2 * bend.radius), 1.0))
     angle = turn + bend.left * step * (jnp.cumsum(side) - side[0])
-    points = LINK * jnp.cumsum(jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1), axis=0)
+    points = link * jnp.cumsum(jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1), axis=0)
     return jnp.concatenate([jnp.zeros((1, 2)), points])

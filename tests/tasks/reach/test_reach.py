@@ -11,7 +11,8 @@ import pytest
 
 from salpchain.errors import InputError
 from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig, step_limit
-from salpchain.tasks.reach.task import SCLD, renew_done
+from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.task import renew_done
 
 
 class Jitted:

@@ -1,0 +1,197 @@
+"""Settings of a world: what it holds, each number fixed or drawn anew for every episode.
+
+Imports nothing heavy: the command line's help reads these classes.
+"""
+
+from dataclasses import dataclass, field, fields, replace
+from math import isfinite
+from typing import Any, NamedTuple
+
+from salpchain.errors import InputError
+
+
+class Range(NamedTuple):
+    """The ends between which a number is drawn uniformly for each episode; equal ends fix it."""
+
+    low: float
+    high: float
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether every episode has the same number."""
+        return self.low == self.high
+
+    def __str__(self) -> str:
+        return f"{self.low:g}" if self.is_fixed else f"{self.low:g}:{self.high:g}"
+
+
+NONE, ONE, FIVE, TEN = (Range(x, x) for x in (0.0, 1.0, 5.0, 10.0))
+CORE = Range(0.2, 0.5)
+
+
+def as_range(value: object) -> Range:
+    """A number, two numbers, or text such as `0.05` or `0:0.08`, as a range.
+
+    Raises:
+        InputError: anything else, or a first number above the second.
+    """
+    try:
+        ends = [float(part) for part in _parts(value)]
+    except (TypeError, ValueError):
+        ends = []
+    if not 1 <= len(ends) <= 2 or not all(map(isfinite, ends)) or ends[0] > ends[-1]:
+        raise InputError(f"must be a number or a range such as 0:0.08, got {value!r}")
+    return Range(ends[0], ends[-1])
+
+
+def _parts(value: object) -> list[Any]:
+    if isinstance(value, str):
+        return value.split(":")
+    if isinstance(value, bool):
+        raise TypeError
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def _check(config: Any, name: str, low: float = 0.0, high: float = float("inf")) -> None:
+    """Make a field a range, and raise InputError unless it lies between these bounds."""
+    try:
+        given = as_range(getattr(config, name))
+    except InputError as error:
+        raise InputError(f"{config.ROOM}.{name} {error}") from None
+    if not low <= given.low <= given.high <= high:
+        bounds = f"lie in {low:g} to {high:g}" if isfinite(high) else f"be {low:g} or more"
+        raise InputError(f"{config.ROOM}.{name} must {bounds}, got {given}")
+    object.__setattr__(config, name, given)
+
+
+@dataclass(frozen=True)
+class DynamicsConfig:
+    """Constants of the physics, as multiples of the paper's."""
+
+    ROOM = "world.dynamics"
+
+    mass: Range = ONE  # of units and links
+    drag: Range = ONE
+    stiffness: Range = ONE  # of the joints, against stretching and bending
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "stiffness"):
+            _check(self, name, 0.05, 20.0)
+        _check(self, "drag", 0.0, 3.9)
+
+
+@dataclass(frozen=True)
+class CurrentConfig:
+    """The water's motion; directions and the places of vortices are drawn for each episode."""
+
+    ROOM = "world.current"
+
+    speed: Range = NONE  # m/s, uniform, in a random direction
+    shear: Range = NONE  # 1/s, growth of the speed across its random direction
+    vortex: Range = NONE  # m/s, at the core of one vortex on the way to the target
+    vortex_radius: Range = CORE  # m, of its core
+    wander: Range = NONE  # m/s, standard deviation of what changes in time
+    relaxation: Range = TEN  # s, in which a change is forgotten
+
+    def __post_init__(self) -> None:
+        for name in ("speed", "vortex", "wander"):
+            _check(self, name, 0.0, 1.0)
+        _check(self, "shear", 0.0, 1.0)
+        _check(self, "vortex_radius", 0.01, 100.0)
+        _check(self, "relaxation", 0.1, 1e6)
+
+
+@dataclass(frozen=True)
+class ThrusterConfig:
+    """The thrusters of the units."""
+
+    ROOM = "world.thrusters"
+
+    dead: Range = NONE  # fraction of the units that are dead, rounded to whole units
+    failing: Range = NONE  # fraction that fails at a random time of the episode
+    gain: Range = ONE  # of each unit by itself
+    lag: Range = NONE  # s, time constant of a first-order response
+    one_sided: bool = False  # jets that push along the unit's heading only
+
+    def __post_init__(self) -> None:
+        _check(self, "dead", 0.0, 1.0)
+        _check(self, "failing", 0.0, 1.0)
+        _check(self, "gain", 0.0, 2.0)
+        _check(self, "lag", 0.0, 10.0)
+        if not isinstance(self.one_sided, bool):
+            raise InputError(
+                f"world.thrusters.one_sided must be true or false, got {self.one_sided!r}"
+            )
+
+
+@dataclass(frozen=True)
+class SensingConfig:
+    """What the chain is told of itself, and how late it and its actions come."""
+
+    ROOM = "world.sensing"
+
+    position: Range = NONE  # m, standard deviation of the noise; velocities likewise in m/s
+    angle: Range = NONE  # rad, standard deviation; turning likewise in rad/s
+    position_bias: Range = NONE  # m, standard deviation of an offset that lasts the episode
+    angle_bias: Range = NONE  # rad
+    dropped: Range = NONE  # probability in each step that a unit begins to tell nothing
+    dropped_steps: Range = FIVE  # control steps for which it does
+    stuck: Range = NONE  # probability in each step that a unit's reading begins to repeat
+    stuck_steps: Range = FIVE  # control steps for which it does
+    delay: Range = NONE  # control steps by which readings are late
+    action_delay: Range = NONE  # control steps by which actions are late
+    repeat: Range = ONE  # control steps for which an action is held
+
+    def __post_init__(self) -> None:
+        for name in ("position", "angle", "position_bias", "angle_bias"):
+            _check(self, name, 0.0, 10.0)
+        for name in ("dropped", "stuck"):
+            _check(self, name, 0.0, 1.0)
+        for name in ("dropped_steps", "stuck_steps"):
+            _check(self, name, 1.0, 1e6)
+        for name in ("delay", "action_delay"):
+            _check(self, name, 0.0, MOST_DELAY)
+        _check(self, "repeat", 1.0, MOST_DELAY)
+
+
+MOST_DELAY = 20.0  # control steps (chosen)
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """A distribution over worlds, one of which is drawn for each episode.
+
+    Raises:
+        InputError: a number that is no range, or out of bounds.
+    """
+
+    name: str = "still"  # of the preset that it comes from
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    current: CurrentConfig = field(default_factory=CurrentConfig)
+    thrusters: ThrusterConfig = field(default_factory=ThrusterConfig)
+    sensing: SensingConfig = field(default_factory=SensingConfig)
+
+    @property
+    def label(self) -> str:
+        """The preset's name, and what is otherwise than in it."""
+        from salpchain.world.presets import WORLDS
+
+        base = WORLDS[self.name][1] if self.name in WORLDS else WorldConfig()
+        changes = ", ".join(f"{path} {value}" for path, value in self.changes(base).items())
+        return f"{self.name} with {changes}" if changes else self.name
+
+    @property
+    def is_still(self) -> bool:
+        """Whether this is the paper's world: still water and nothing that fails."""
+        return replace(self, name="still") == WorldConfig()
+
+    def changes(self, base: "WorldConfig | None" = None) -> dict[str, Any]:
+        """What is otherwise than in the still world, or in another, by path."""
+        still, found = base or WorldConfig(), {}
+        for part in fields(self)[1:]:
+            here, there = getattr(self, part.name), getattr(still, part.name)
+            for one in fields(here):
+                value = getattr(here, one.name)
+                if value != getattr(there, one.name):
+                    found[f"{part.name}.{one.name}"] = value
+        return found

@@ -1,0 +1,59 @@
+"""The world that a chain swims in: its dynamics, the water, its thrusters, obstacles, sensors."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float, Int, PRNGKeyArray
+
+from salpchain.physics.chain import step
+from salpchain.physics.state import Chain, Physics
+from salpchain.world.config import WorldConfig
+from salpchain.world.current import Current, carried
+from salpchain.world.sensing import Sensing
+from salpchain.world.thrusters import Thrusters
+
+
+class World(eqx.Module):
+    """All that acts on a chain but its controller. A field that is None costs nothing.
+
+    Arrays among the fields belong to one episode, and travel in its state; all else is the same
+    for all episodes and fixed when a program is compiled.
+    """
+
+    dynamics: Physics = eqx.field(default_factory=Physics)
+    current: Current | None = None
+    thrusters: Thrusters | None = None
+    sensing: Sensing | None = None
+    drawn_from: WorldConfig | None = eqx.field(default=None, static=True)  # for each episode
+
+    def thrust(
+        self, asked: Float[Array, " unit"], before: Float[Array, " unit"], time: Int[Array, ""]
+    ) -> Float[Array, " unit"]:
+        """The thrusts (N) that the thrusters make of those asked for."""
+        if self.thrusters is None:
+            return asked
+        return self.thrusters.thrust(asked, before, time, self.dynamics.control_step)
+
+    def step(
+        self,
+        chain: Chain,
+        thrust: Float[Array, " unit"],
+        fence: Any = None,
+        contact: bool = True,
+    ) -> Chain:
+        """The chain one control step later, under the thrusts (N) that act."""
+        if self.current is not None:
+            chain = carried(chain, self.current, self.dynamics)
+        return step(chain, thrust, self.dynamics, fence, contact)
+
+    def advance(self, key: PRNGKeyArray) -> "World":
+        """The world one control step later: with the current that it has then."""
+        if self.current is None:
+            return self
+        current = self.current.advance(key, self.dynamics.control_step)
+        return eqx.tree_at(lambda w: w.current, self, current)
+
+
+def of_episode(world: World) -> World:
+    """The arrays of a world: what may differ from episode to episode."""
+    return eqx.filter(world, eqx.is_array)
