@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo, where
 from salpchain.physics.contact import Pairs, contact_load, touching_distance
+from salpchain.physics.obstacles import Facing, distance_squared_beyond, every_load, obstacle_load
 from salpchain.physics.substeps import Load, Motion, Moved, Rig, run_substeps
 
 # How much closer two units of a chain that nothing touches may come in one control step than on
@@ -36,14 +37,16 @@ BLOCK = 4  # neighbouring units in one bounding circle (chosen)
 def advance(rig: Rig, units: Motion, links: Motion, push: Load, contact: bool) -> Moved:
     """Both kinds of body one control step later."""
     free = run_substeps(rig, units, links, push, None)
-    if not contact or units.angle.shape[0] < 2:
+    contact = contact and units.angle.shape[0] > 1
+    near = _flagged(rig, units, free, contact)
+    if near is None:
         return free
     batch = units.angle.shape[-1]
 
     def with_contact(chosen: Int[Array, " some"]) -> Moved:
-        return _step_crowded(*_take((rig, units, links, push, free), chosen, batch))
+        return _step_crowded(contact, *_take((rig, units, links, push, free), chosen, batch))
 
-    return redo(crowded(rig, units, free), free, with_contact, _chunk(batch), axis=-1)
+    return redo(near, free, with_contact, _chunk(batch), axis=-1)
 
 
 def advance_differentiably(
@@ -53,20 +56,31 @@ def advance_differentiably(
 
     Which units may touch does not depend on where they are by any derivative.
     """
-    free = run_substeps(rig, units, links, push, None)
+    obstruction = None if rig.obstacles is None else partial(every_load, rig)
     if not contact or units.angle.shape[0] < 2:
-        return free
+        return run_substeps(rig, units, links, push, None, obstruction)
+    free = run_substeps(rig, units, links, push, None)
     fixed = jax.lax.stop_gradient((rig, units, free))
-    near = crowded(*fixed)
+    near = _flagged(*fixed, contact)
+    assert near is not None
 
     def with_contact() -> Moved:
-        apart = rig.joined & ~_held_near(*fixed, PRESSED)
-        pairs = _near_pairs(*fixed[:2], apart)
-        every = pairs._replace(lists=pairs.first.shape[0])
-        touched = run_substeps(rig, units, links, push, partial(contact_load, rig, every))
+        every = _near_pairs(*fixed)
+        every = every._replace(lists=every.first.shape[0])
+        load = partial(contact_load, rig, every)
+        touched = run_substeps(rig, units, links, push, load, obstruction)
         return where(near, touched, free, axis=-1)
 
     return jax.lax.cond(near.any(), with_contact, lambda: free)
+
+
+def _flagged(rig: Rig, units: Motion, free: Moved, contact: bool) -> Bool[Array, " batch"] | None:
+    """Chains in which something may touch in this control step; None if nothing ever can."""
+    near = crowded(rig, units, free) if contact else None
+    if rig.obstacles is None:
+        return near
+    at_obstacle = near_obstacle(rig, units, free)
+    return at_obstacle if near is None else near | at_obstacle
 
 
 def _chunk(batch: int) -> int:
@@ -80,10 +94,14 @@ def _take(tree: Any, index: Int[Array, " some"], batch: int) -> Any:
     )
 
 
-def _step_crowded(rig: Rig, units: Motion, links: Motion, push: Load, free: Moved) -> Moved:
-    apart = rig.joined & ~_held_near(rig, units, free, PRESSED)
-    pairs = _near_pairs(rig, units, apart)
-    return run_substeps(rig, units, links, push, partial(contact_load, rig, pairs))
+def _step_crowded(
+    contact: bool, rig: Rig, units: Motion, links: Motion, push: Load, free: Moved
+) -> Moved:
+    load = partial(contact_load, rig, _near_pairs(rig, units, free)) if contact else None
+    if rig.obstacles is None:
+        return run_substeps(rig, units, links, push, load)
+    obstruction = partial(obstacle_load, rig, facing_solids(rig, units))
+    return run_substeps(rig, units, links, push, load, obstruction)
 
 
 def crowded(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
@@ -227,12 +245,13 @@ def _square(vector: Array) -> Array:
     return vector[0] ** 2 + vector[1] ** 2
 
 
-def _near_pairs(rig: Rig, units: Motion, apart: Bool[Array, "link batch"]) -> Pairs:
+def _near_pairs(rig: Rig, units: Motion, free: Moved) -> Pairs:
     """The pairs of units that may touch in this control step.
 
-    Two neighbours that are known to stay `apart` are left out.
+    Two neighbours that are known to stay apart are left out.
     """
     num, batch = units.angle.shape
+    apart = rig.joined & ~_held_near(rig, units, free, PRESSED)
     near = _may_touch(rig, units, apart)
     rank = jnp.cumsum(near, axis=0, dtype=jnp.int32)
     lists = -(-rank[-1].max() // (num // 2))
@@ -260,9 +279,53 @@ def _may_touch(
     apart = jnp.concatenate([apart, jnp.zeros_like(apart[:1])])
 
     def near(shift: Array) -> Array:
-        gap = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1) - state
-        reach = touching_distance(rig.physics) + SLACK + jnp.sqrt(_square(gap[2:]))
+        other = jax.lax.dynamic_slice_in_dim(twice, shift, num, axis=1)
+        gap = other - state
+        closing = jnp.sqrt(_square(gap[2:]))
+        if rig.obstacles is not None:  # they may turn one of the two round
+            closing = jnp.sqrt(_square(other[2:])) + jnp.sqrt(_square(state[2:]))
+        reach = touching_distance(rig.physics) + SLACK + closing
         once = (2 * shift < num) | (jnp.arange(num) < num // 2)  # the far side comes twice
         return (_square(gap) < reach**2) & once[:, None] & ~(apart & (shift == 1))
 
     return jax.lax.map(near, jnp.arange(1, num // 2 + 1)).reshape(-1, batch)
+
+
+def near_obstacle(rig: Rig, units: Motion, free: Moved) -> Bool[Array, " batch"]:
+    """Chains in which some unit may touch an obstacle in this control step.
+
+    Half way without contact (see `_half_way`; an obstacle does not move, so it is half as much).
+    """
+    way = free.units.position - units.position
+    reach = _unit_reach(rig) + (STRAY + jnp.sqrt(_square(way))) / 2
+    place = _scattered(rig.present, units.position + way / 2)
+
+    def look(index: Array, least: Array) -> Array:
+        solid = jax.tree.map(lambda x: x[index], rig.obstacles)
+        return jnp.minimum(least, distance_squared_beyond(solid, place, reach))
+
+    num = rig.obstacles.rim.shape[0]
+    least = jax.lax.fori_loop(0, num, look, jnp.full_like(units.angle, jnp.inf))
+    return least.min(axis=0) < 0
+
+
+def _unit_reach(rig: Rig) -> Any:
+    """Distance (m) from a unit's centre beyond which it touches no surface."""
+    return touching_distance(rig.physics) / 2 + rig.physics.contact_gap
+
+
+def facing_solids(rig: Rig, units: Motion) -> Facing:
+    """For each unit the obstacles that it may touch in this control step, at any speed that is in
+    the chain: units pass it on to each other."""
+    speed = jnp.where(rig.present, jnp.sqrt(_square(units.velocity)), 0.0).max(axis=0)
+    reach = _unit_reach(rig) + SLACK + speed * rig.physics.control_step
+    place = _scattered(rig.present, units.position)
+    near = jax.lax.map(lambda one: distance_squared_beyond(one, place, reach) < 0, rig.obstacles)
+    rank = jnp.cumsum(near, axis=0, dtype=jnp.int32)
+
+    def add(index: Array, chosen: Int[Array, "list unit batch"]) -> Array:
+        wanted = near & (rank == index + 1)
+        return chosen.at[index].set(jnp.where(wanted.any(axis=0), wanted.argmax(axis=0), -1))
+
+    lists = rank[-1].max()
+    return Facing(jax.lax.fori_loop(0, lists, add, jnp.full(near.shape, -1)), lists)

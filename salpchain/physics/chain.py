@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from salpchain.physics import broadphase
 from salpchain.physics.batching import over_the_batch
+from salpchain.physics.obstacles import Obstacles, solids
 from salpchain.physics.state import Bodies, Chain, Physics
 from salpchain.physics.substeps import Load, Motion, Rig
 from salpchain.switches import standard_promotion
@@ -22,27 +23,44 @@ def step(
     physics: Physics | None = None,
     fence: Float[Array, ""] | float | None = None,
     contact: bool = True,
+    obstacles: Obstacles | None = None,
 ) -> Chain:
     """The chain one control step (0.1 s) later, under a thrust (N) held for the whole step.
 
     Arithmetic of VMAS 1.5.2 `World.step`: semi-implicit Euler in substeps, drag once at the
     start. `fence` (m) clamps all positions to abs(x), abs(y) <= fence; None leaves it off.
+    `contact` is that of units with each other; `obstacles` push units in any case. None compiles
+    to a program that knows no obstacles.
     Written for one chain; under `jax.vmap` the whole batch steps together with the batch as
-    the last axis, and contact costs nothing while no pair of units in the batch is near.
+    the last axis, and contact costs next to nothing while nothing is near.
     """
-    moved = _step(contact, chain, thrust, physics or Physics(), fence)
-    return eqx.tree_at(lambda c: jax.tree.leaves((c.units, c.links, c.touching)), chain, moved)
+    around = None if obstacles is None else solids(obstacles)
+    moved = _step(contact, chain, thrust, physics or Physics(), fence, around)
+    return eqx.tree_at(lambda c: jax.tree.leaves(_changing(c)), chain, moved)
+
+
+def _changing(chain: Chain) -> tuple[Any, ...]:
+    return chain.units, chain.links, chain.touching, chain.blocked
 
 
 def _stepped(
-    advance: Any, contact: bool, chain: Chain, thrust: Array, physics: Physics, fence: Any
+    advance: Any,
+    contact: bool,
+    chain: Chain,
+    thrust: Array,
+    physics: Physics,
+    fence: Any,
+    obstacles: Any,
 ) -> list[Array]:
-    """Fields of units and links, and `touching`, after `step`; the batch last in every array."""
-    rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence)
+    """What `step` changes, in the order of `_changing`; the batch last in every array."""
+    rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
-    return [*_fields(moved.units), *_fields(moved.links), moved.touching]
+    flags = [moved.touching]
+    if chain.blocked is not None:
+        flags.append(jnp.zeros_like(moved.touching) if moved.blocked is None else moved.blocked)
+    return [*_fields(moved.units), *_fields(moved.links), *flags]
 
 
 _step = over_the_batch(

@@ -10,12 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-from salpchain.physics.derivatives import root
-from salpchain.physics.joints import softplus
+from salpchain.physics.boxes import Boxes, closest_points, cross, overlap, repulsion, square
 from salpchain.physics.substeps import Load, Motion
-from salpchain.xla import once
-
-SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corners
 
 
 class Pairs(NamedTuple):
@@ -73,7 +69,7 @@ class Listed(NamedTuple):
 def _listed(rig: Any, pairs: Pairs, units: Motion, index: Array) -> Listed:
     first, second = pairs.first[index], pairs.second[index]
     offset = _at(units.position, second) - _at(units.position, first)
-    near = _square(offset) <= touching_distance(rig.physics) ** 2
+    near = square(offset) <= touching_distance(rig.physics) ** 2
     return Listed(first, second, offset, near & (first != second))
 
 
@@ -102,101 +98,15 @@ def _sum_for_units(
 def _box_against_box(
     physics: Any, offset: Array, turn: Array, other_turn: Array, never: Any = False
 ) -> tuple[Float[Array, "2 pair batch"], Float[Array, "pair batch"], Float[Array, "pair batch"]]:
-    """Force (N) on a box at the origin by a box of the same size at `offset`, and torques (N m).
+    """Force (N) on a unit at the origin by a unit at `offset`, and torques (N m).
 
-    The other box feels the opposite force. The torques are that on the first box and that on the
-    second. The closest points of two separate convex polygons are a corner of one and a point of
-    the other. Boxes whose sides cross exert nothing on each other: VMAS finds the same point twice.
+    The other unit feels the opposite force. The torques are that on the first unit and that on the
+    second. Units whose sides cross exert nothing on each other: VMAS finds the same point twice.
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
-    gap, here, normal = _closest(half, offset, turn, other_turn, never)
-    size = physics.contact_stiffness * physics.softness * _soft_depth(physics, gap)
-    acts = (gap <= physics.contact_gap) & ~_overlap(half, offset, turn, other_turn)
-    force = jnp.where(acts, size, 0.0) * normal
+    boxes = Boxes(half, half, offset, turn, other_turn)
+    gap, here, normal = closest_points(boxes, never)
+    acts = (gap <= physics.contact_gap) & ~overlap(boxes)
+    force = jnp.where(acts, repulsion(physics, gap), 0.0) * normal
     there = here - gap * normal - offset
-    return force, _cross(here, force), -_cross(there, force)
-
-
-def _cross(one: Array, other: Array) -> Array:
-    return one[0] * other[1] - one[1] * other[0]
-
-
-def _soft_depth(physics: Any, gap: Array) -> Array:
-    return softplus(jnp.maximum(physics.contact_gap - gap, 0.0) / physics.softness)
-
-
-def _closest(
-    half: Any, offset: Array, turn: Array, other_turn: Array, never: Any
-) -> tuple[Array, Array, Array]:
-    """Gap, point on the box at the origin, and the unit vector from the other's point to it.
-
-    Each corner of either box is paired with the nearest point of the other; the closest pair of
-    the eight counts. Which one that is, is found first: with all eight at hand a CPU would work
-    each out anew for every number that is needed of the closest.
-    """
-    place = (half, offset, turn, other_turn)
-    squares = [_square(_corner_pair(*place, k // 4 == 0, *SIGNS[k % 4])[1]) for k in range(8)]
-    least, which = squares[0], jnp.zeros(squares[0].shape, jnp.int32)
-    for k, square in enumerate(squares[1:], 1):
-        which, least = jnp.where(square < least, k, which), jnp.minimum(square, least)
-    which = once(which, never)
-    corner = which % 4
-    signs = jnp.where(corner < 2, 1.0, -1.0), jnp.where(corner % 3 == 0, 1.0, -1.0)
-    (own, own_between), (far, far_between) = (
-        _corner_pair(*place, mine, *signs) for mine in (True, False)
-    )
-    here, between = once(
-        (jnp.where(which < 4, own, far), jnp.where(which < 4, own_between, far_between)), never
-    )
-    gap = root(_square(between))
-    return gap, here, between / jnp.maximum(gap, 1e-9)
-
-
-def _corner_pair(
-    half: Any, offset: Array, turn: Array, other_turn: Array, mine: bool, along: Any, across: Any
-) -> tuple[Array, Array]:
-    """A corner, of the box at the origin or of the other, and the nearest point of the other box.
-
-    Given as the point on the box at the origin and the vector to it from the point on the other.
-    """
-    corner = (half[0] * along, half[1] * across)
-    if mine:
-        here = _to_world(corner, turn)
-        there = offset + _to_world(_clamp(half, _to_box(here - offset, other_turn)), other_turn)
-    else:
-        there = offset + _to_world(corner, other_turn)
-        here = _to_world(_clamp(half, _to_box(there, turn)), turn)
-    return here, here - there
-
-
-def _square(vector: Array) -> Array:
-    return vector[0] ** 2 + vector[1] ** 2
-
-
-def _to_world(point: Any, turn: Array) -> Array:
-    return jnp.stack(
-        [point[0] * turn[0] - point[1] * turn[1], point[0] * turn[1] + point[1] * turn[0]]
-    )
-
-
-def _to_box(point: Array, turn: Array) -> Array:
-    return jnp.stack(
-        [point[0] * turn[0] + point[1] * turn[1], point[1] * turn[0] - point[0] * turn[1]]
-    )
-
-
-def _clamp(half: Any, point: Array) -> Array:
-    return jnp.stack([jnp.clip(point[i], -half[i], half[i]) for i in (0, 1)])
-
-
-def _overlap(half: Any, offset: Array, turn: Array, other_turn: Array) -> Array:
-    """Whether two boxes of the same size overlap: no side of either separates them."""
-    cosine = jnp.abs(turn[0] * other_turn[0] + turn[1] * other_turn[1])
-    sine = jnp.abs(turn[0] * other_turn[1] - turn[1] * other_turn[0])
-    along = half[0] + half[0] * cosine + half[1] * sine
-    across = half[1] + half[0] * sine + half[1] * cosine
-    inside = jnp.ones_like(cosine, dtype=bool)
-    for box in (turn, other_turn):
-        place = _to_box(offset, box)
-        inside &= (jnp.abs(place[0]) < along) & (jnp.abs(place[1]) < across)
-    return inside
+    return force, cross(here, force), -cross(there, force)

@@ -38,6 +38,8 @@ class Chain(eqx.Module):
     present: Bool[Array, " unit"]
     linked: Bool[Array, " link"]
     touching: Bool[Array, ""]  # whether some two units pushed each other in the last control step
+    # Whether an obstacle pushed a unit in the last control step; None is not recorded and not paid.
+    blocked: Bool[Array, ""] | None = None
 
     @property
     def joined(self) -> Bool[Array, "link *batch"]:

@@ -38,6 +38,7 @@ class Rig(NamedTuple):
     present: Bool[Array, "unit batch"]
     joined: Bool[Array, "link batch"]
     fence: Float[Array, "*batch"] | None
+    obstacles: Any = None  # obstacles.Solids
 
     @property
     def dt(self) -> Any:
@@ -53,6 +54,7 @@ class Substate(NamedTuple):
     half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
     nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours so far
     touching: Bool[Array, " batch"]  # whether two units have pushed each other so far
+    blocked: Bool[Array, " batch"] | None  # whether an obstacle has pushed a unit so far
 
 
 class Moved(NamedTuple):
@@ -62,21 +64,29 @@ class Moved(NamedTuple):
     links: Motion
     nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours on the way
     touching: Bool[Array, " batch"]  # whether two units pushed each other on the way
+    blocked: Bool[Array, " batch"] | None  # whether an obstacle pushed a unit; None without any
 
 
 ContactLoad = Callable[[Motion], Load]
 
 
 def run_substeps(
-    rig: Rig, units: Motion, links: Motion, push: Load, contact: ContactLoad | None
+    rig: Rig,
+    units: Motion,
+    links: Motion,
+    push: Load,
+    contact: ContactLoad | None,
+    obstruction: ContactLoad | None = None,
 ) -> Moved:
-    """Both kinds of body after all substeps, with the contact load computed in each if given.
+    """Both kinds of body after all substeps, with the loads of contact between units and with
+    obstacles computed in each if given.
 
     The loop is not unrolled: XLA then fuses the transposes around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
     far, apart = jnp.full_like(links.angle, jnp.inf), jnp.zeros(units.angle.shape[-1], bool)
-    state = Substate(units, links, half, far, apart)
+    free = None if rig.obstacles is None else apart
+    state = Substate(units, links, half, far, apart, free)
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
@@ -86,10 +96,17 @@ def run_substeps(
             load = _sum(push, touch)
             pushed = (touch.force != 0).any(axis=(0, 1))
             state = state._replace(touching=state.touching | pushed)
+        if obstruction is not None:
+            touch = obstruction(state.units)
+            load = _sum(load, touch)
+            pushed = (touch.force != 0).any(axis=(0, 1))
+            state = state._replace(
+                blocked=pushed if state.blocked is None else pushed | state.blocked
+            )
         return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return Moved(state.units, state.links, state.nearest, state.touching)
+    return Moved(state.units, state.links, state.nearest, state.touching, state.blocked)
 
 
 def _sum(one: Load, other: Load) -> Load:
@@ -97,7 +114,7 @@ def _sum(one: Load, other: Load) -> Load:
 
 
 def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
-    units, links, half, nearest, touching = state
+    units, links, half, nearest = state[:4]
     ahead = units.position[:, 1:] - units.position[:, :-1]
     nearest = jnp.minimum(nearest, ahead[0] ** 2 + ahead[1] ** 2)
     joints = _joints(rig, units, links, half)
@@ -114,7 +131,7 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     links = _integrate(rig, links, on_links, physics.link_mass, physics.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, physics.unit_inertia, keep)
     half = _turn(half, rig.dt * links.angular_velocity)
-    return Substate(units, links, half, nearest, touching)
+    return Substate(units, links, half, nearest, state.touching, state.blocked)
 
 
 def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:
