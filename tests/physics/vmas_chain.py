@@ -33,7 +33,8 @@ class VmasChains:
     on the others. Ours decides for each chain: where contact matters, compare with batches of one.
     """
 
-    def __init__(self, position, angle, fence=None, collide=True):
+    def __init__(self, position, angle, fence=None, collide=True, walls=(), posts=()):
+        """Walls are ((x, y), (x, y), width), posts are ((x, y), radius), in m."""
         batch, num = angle.shape
         self.world = core.World(batch, "cpu", x_semidim=fence, y_semidim=fence, **WORLD)
         self.units = [_unit(index, collide) for index in range(num)]
@@ -42,6 +43,10 @@ class VmasChains:
         self.joints = [_joint(*pair) for pair in zip(self.units, self.units[1:], strict=False)]
         for joint in self.joints:
             self.world.add_joint(joint)
+        for entity, place, turn in [*map(_wall, walls), *map(_post, posts)]:
+            self.world.add_landmark(entity)
+            entity.set_pos(_tensor(place).expand(batch, 2), None)
+            entity.set_rot(_tensor([turn]).expand(batch, 1), None)
         self._place(position, angle)
 
     def _place(self, position, angle):
@@ -97,6 +102,25 @@ class VmasChains:
         return jax.vmap(_chain)(_fields(self.units), _fields(links), rest)
 
 
+def box_on_sphere(offset, angle, radius):
+    """Force (2, pair) N and torque (pair,) N m on a unit at the origin by a sphere at an offset."""
+    world, unit, sphere = (
+        core.World(len(angle), "cpu", **WORLD),
+        _unit(0, True),
+        _post(((), radius))[0],
+    )
+    world.add_agent(unit)
+    world.add_landmark(sphere)
+    unit.set_rot(_tensor(angle[:, None]), None)
+    unit.set_pos(_tensor(0 * offset.T), None)
+    sphere.set_pos(_tensor(offset.T), None)
+    both = (unit, sphere)
+    world.forces_dict = {body: torch.zeros_like(body.state.pos) for body in both}
+    world.torques_dict = {body: torch.zeros_like(body.state.rot) for body in both}
+    world._box_sphere_vectorized_collision([both])
+    return world.forces_dict[unit].numpy().T, world.torques_dict[unit].numpy()[:, 0]
+
+
 def _chain(units, links, rest_angle) -> Chain:
     present = jnp.ones(units[1].shape, bool)
     return Chain(
@@ -111,6 +135,22 @@ def _tensor(array):
 def _unit(index, collide):
     box = core.Box(length=0.04, width=0.05)
     return core.Agent(name=f"unit {index}", shape=box, mass=1.0, rotatable=True, collide=collide)
+
+
+def _wall(wall):
+    """A landmark, and where it stands and how it is turned."""
+    (ax, ay), (bx, by), width = wall
+    box = core.Box(length=float(np.hypot(bx - ax, by - ay)), width=width)
+    return _landmark(box, wall), [(ax + bx) / 2, (ay + by) / 2], np.arctan2(by - ay, bx - ax)
+
+
+def _post(post):
+    centre, radius = post
+    return _landmark(core.Sphere(radius=radius), post), centre, 0.0
+
+
+def _landmark(shape, name):
+    return core.Landmark(name=str(name), shape=shape, movable=False, rotatable=False, collide=True)
 
 
 def _joint(first, second):
