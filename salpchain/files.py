@@ -223,7 +223,7 @@ def _about(path: StrPath, kind: str, content: bytes) -> dict[str, Any]:
 
 
 def _digest(about: Mapping[str, Any], arrays: Arrays) -> str:
-    """Of everything that the file says: its kind, version, header and arrays."""
+    """A checksum over everything that the file says: its kind, version, header and arrays."""
     digest = hashlib.sha256(json.dumps(about, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]

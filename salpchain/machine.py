@@ -46,7 +46,7 @@ def _cpuinfo(name: str) -> str:
 
 
 def _memory() -> float:
-    """Of this machine, GiB; unknown is plenty."""
+    """Total memory (GiB); practically unlimited if unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     except (AttributeError, ValueError, OSError):

@@ -89,7 +89,7 @@ def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) 
 
 
 def check_same(config: TrainConfig, run: Path) -> None:
-    """Nothing, if there is no run in this folder yet, or one with these settings.
+    """Raise InputError if the folder holds a run with other settings.
 
     Raises:
         InputError: one with other settings, or a damaged one.

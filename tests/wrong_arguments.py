@@ -42,7 +42,7 @@ def work(*given, **named):
 
 
 testing._play = recording._begin = poses._play = work
-training._create = training.Sitting = work
+training._create = training.Session = work
 picture.Figure = replay.page = video.frames = figures.Figure = figures.transfer_figure = work
 
 

@@ -44,7 +44,7 @@ class Live:
     """Where a reverse proxy shows the page, such as https://lab.example.org (no path).
     Default: only the address that the terminal shows may connect."""
     seed: Whole = "0"
-    """Of the random targets."""
+    """Seed of the random targets."""
 
 
 def run(options: Live) -> None:
@@ -76,7 +76,7 @@ def _origins(text: str) -> frozenset[str]:
 
 
 def _check_policy(policy: str) -> None:
-    """Nothing, if such a policy can steer; before the port is taken and JAX imported."""
+    """Raise InputError unless such a policy can steer; before a port is taken or JAX imported."""
     check_live(policy)
     if not policy or is_name(policy):
         return

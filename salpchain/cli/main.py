@@ -137,7 +137,7 @@ def _dispatch(arguments: list[str]) -> int:
 
 
 def _check_filled(name: str, arguments: list[str]) -> None:
-    """Nothing, if every argument says something: an empty one would pass for one left out.
+    """Raise InputError if an argument is empty: it would be taken for a missing option.
 
     Raises:
         InputError: one is empty.

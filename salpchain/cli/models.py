@@ -77,7 +77,7 @@ def _as_json(observation: str, length: int, counts: dict[str, int]) -> str:
 
 
 def _check_alone(options: Models) -> None:
-    """Nothing, if the model card was asked for and none of what the list alone can use."""
+    """Raise InputError if a model card is asked for with options of the list."""
     for name in ("length", "observation"):
         given = getattr(options, name)
         if given:

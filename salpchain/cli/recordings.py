@@ -30,7 +30,7 @@ def trajectories(
     All that is asked for is checked before any work starts.
 
     Raises:
-        InputError: no such policy or trajectory, or a length, seed, trial or limit that cannot be.
+        InputError: no such policy or trajectory, or an invalid length, seed, trial or limit.
     """
     wanted = parse_lengths(lengths)
     start = check_seed(number("seed", seed))

@@ -70,7 +70,7 @@ class Reproduce:
     executor: Annotated[str, text_option("local|ray")] = "local"
     """local (processes on this machine) or ray (a cluster; needs the extra `cluster`)."""
     address: Annotated[str, text_option("HOST:PORT")] = ""
-    """Of the Ray cluster. Default: what RAY_ADDRESS names, else a new one on this machine."""
+    """Address of the Ray cluster. Default: what RAY_ADDRESS names, otherwise a new one here."""
     cpus: Whole = ""
     """Cores for each run on Ray. Default: 1."""
     gpus: Annotated[str, text_option("SHARE")] = ""
@@ -130,7 +130,7 @@ def grid_of(options: Reproduce) -> Grid:
     """The grid that the options ask for.
 
     Raises:
-        InputError: names or numbers that cannot be.
+        InputError: invalid names or numbers.
     """
     models = _names("models", options.models, PAPER_MODELS)
     graphs = _names("graphs", options.graphs, PAPER_GRAPHS) if options.graphs else ()

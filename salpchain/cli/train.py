@@ -124,7 +124,7 @@ def settings(options: Train, folder: Path) -> TrainConfig:
     """The settings of the run that the options ask for; of the run itself where it goes on.
 
     Raises:
-        InputError: a setting that cannot be, or that contradicts the run's.
+        InputError: an invalid setting, or that contradicts the run's.
     """
     asked = _asked(options)
     if not options.resume:

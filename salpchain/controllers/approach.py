@@ -20,7 +20,7 @@ from salpchain.tasks.checks import check_state
 from salpchain.tasks.reach.targets import LINK
 from salpchain.tasks.state import State
 
-TOP_SPEED = 0.2  # m/s, of a chain (DESIGN section 3)
+TOP_SPEED = 0.2  # m/s, of a chain
 HOLD = 5.0  # N for each m/s, against drag
 # What follows was chosen by a search over 8, 16 and 32 units.
 APPROACH = 0.5  # 1/s, speed for each metre that is left

@@ -1,4 +1,4 @@
-"""The hand-written baseline: each unit thrusts towards its own target point (DESIGN section 6)."""
+"""The hand-written baseline: each unit thrusts towards its own target point."""
 
 import equinox as eqx
 import jax.numpy as jnp

@@ -85,7 +85,7 @@ def is_name(source: StrPath) -> bool:
 
 
 def names() -> list[str]:
-    """Of all controllers that come with the package."""
+    """The names of all controllers that come with the package."""
     return [*released(), *WRITTEN]
 
 
@@ -114,7 +114,7 @@ def check_printable(name: str) -> None:
 
 
 def check_live(source: str) -> None:
-    """Nothing, unless this names a controller that is too slow to steer while a person watches.
+    """Raise InputError if this names a controller that is too slow to steer live.
 
     Raises:
         InputError: it does; the message lists those that are quick enough.

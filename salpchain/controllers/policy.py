@@ -69,7 +69,7 @@ class PolicyCard:
         Its time limit is the scaled one unless `time_limit` says otherwise.
 
         Raises:
-            InputError: the policy cannot serve this length, or a setting that cannot be, that there
+            InputError: the policy cannot serve this length, or an invalid setting, that there
                 is not, or that is not the policy's.
         """
         self.check_serves(length)

@@ -26,7 +26,7 @@ class Start(eqx.Module):
 
 
 def start_of(env: Task, state: State) -> Start:
-    """Of an episode that has just begun."""
+    """The difficulty of an episode that has just begun."""
     chain, target, length = state.chain, state.target, state.length
     limit, tolerance = env.step_limit(length), env.config.tolerance
     turn, bend = _turn_and_bend(chain, target)
@@ -43,7 +43,7 @@ def start_of(env: Task, state: State) -> Start:
 
 
 def centroid(chain: Chain) -> Float[Array, "2"]:
-    """Of the present units (m)."""
+    """The centroid of the present units (m)."""
     present = chain.present[:, None]
     return jnp.where(present, chain.units.position, 0.0).sum(axis=0) / present.sum()
 

@@ -1,4 +1,4 @@
-"""What no controller can beat: how far a chain gets from rest in a given time (DESIGN section 6).
+"""What no controller can beat: how far a chain gets from rest in a given time.
 
 Joints and contact push both bodies alike, so only thrust and drag move the centre of mass of all
 units and links. Drag multiplies its velocity by 1 - drag once at the start of a control step; the
@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from salpchain.physics.state import Chain, Physics, Scalar
 
-MOST_THRUST = 1.0  # N, of a unit (DESIGN section 2)
+MOST_THRUST = 1.0  # N, of a unit
 
 
 def acceleration(physics: Physics, length: int | Array) -> Scalar:
@@ -166,7 +166,7 @@ def _first(covered: Callable[[Array], Any], way: Float[Array, ""], most: int) ->
 
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
-    """Of all units and links (m)."""
+    """The centre of mass of all units and links (m)."""
     present, joined = chain.present[:, None], chain.joined[:, None]
     units = physics.unit_mass * jnp.where(present, chain.units.position, 0.0).sum(axis=0)
     links = physics.link_mass * jnp.where(joined, chain.links.position, 0.0).sum(axis=0)

@@ -25,7 +25,7 @@ MEASURES = (
     "time_ratio",
     "turn_steps",
 )
-HARDNESS = ("far", "turn", "bend")  # what makes a start hard
+DIFFICULTY = ("far", "turn", "bend")  # what makes a start hard
 THIRDS = ("low", "middle", "high")
 INTERVALS = {
     "level": LEVEL,
@@ -44,7 +44,7 @@ def summarise(frame: pd.DataFrame) -> Summary:
     iqm, low and high; low and high bound the 95 % interval that `intervals` names. Measures that
     a trial lacks, like steps to a goal never reached, are left out of their averages.
     `paper_normalised` has one value for each entry of `lengths`. `by_difficulty` has for each of
-    `HARDNESS` the easy, middle and hard third of every length's trials, all lengths together but
+    `DIFFICULTY` the easy, middle and hard third of every length's trials, all lengths together but
     those whose trials it does not part in thirds, like the bend at 2 units.
 
     Raises:
@@ -58,7 +58,7 @@ def summarise(frame: pd.DataFrame) -> Summary:
         "intervals": INTERVALS,
         "lengths": [_summarise_length(*x) for x in zip(lengths, groups, strict=True)],
         "paper_normalised": [_number(x) for x in paper_normalised(distances)],
-        "by_difficulty": {name: _thirds(groups, name) for name in HARDNESS},
+        "by_difficulty": {name: _thirds(groups, name) for name in DIFFICULTY},
     }
 
 

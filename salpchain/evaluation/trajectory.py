@@ -33,7 +33,7 @@ class Trajectory:
     k to time k + 1.
 
     Raises:
-        InputError: a field of another shape or kind than stated, or a number that cannot be.
+        InputError: a field of another shape or kind than stated, or an invalid number.
     """
 
     policy: str  # name of the controller
@@ -82,7 +82,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Of the episode (s)."""
+        """Duration of the episode (s)."""
         return self.steps * self.dt
 
     @cached_property
@@ -92,7 +92,7 @@ class Trajectory:
 
     @cached_property
     def centroid(self) -> Float[np.ndarray, "time 2"]:
-        """Of the units (m)."""
+        """Mean position of the units (m)."""
         return self.unit_position.mean(axis=1)
 
     @property
@@ -145,7 +145,7 @@ def as_swims(meant: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
 
 
 def _shapes(times: int, length: int) -> dict[str, tuple[int, ...]]:
-    """Of every array."""
+    """The shape of every array."""
     shapes: dict[str, tuple[int, ...]] = {}
     for body, count in (("unit", length), ("link", length - 1)):
         shapes |= {

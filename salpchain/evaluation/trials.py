@@ -198,7 +198,7 @@ def _begin(
 
 
 def _mesh(trials: int) -> Mesh:
-    """Of as many devices as divide the trials."""
+    """A mesh over the largest number of devices that divides the number of trials."""
     return mesh_of(largest_divisor(trials, jax.local_device_count()))
 
 
@@ -275,7 +275,7 @@ def _compile(
 
 
 def _going(trials: Trial) -> np.ndarray:
-    """Of which trials some controller's episode has not ended."""
+    """Which trials have a controller whose episode has not ended."""
     return np.asarray(~trials.state.done.all(axis=1))
 
 

@@ -41,7 +41,7 @@ def gpu_share(share: float) -> dict[str, str]:
 
 
 def end_of(folder: StrPath, task: Task, status: int) -> End:
-    """How a process with this exit status ended, with its last word."""
+    """How a process with this exit status ended, with the last line that it printed."""
     if status < 0:
         return End(False, retry=True, message=f"killed by {signal.Signals(-status).name}")
     try:

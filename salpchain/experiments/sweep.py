@@ -121,7 +121,7 @@ class _State:
             self.waiting.appendleft(task)
         else:
             names = ", ".join(self.names[number] for number in left)
-            self.failures.append(f"{names}: {end.message or 'ended before its end'}")
+            self.failures.append(f"{names}: {end.message or 'exited before it had finished'}")
 
     def overall(self) -> Overall:
         total, done = sum(self.costs), self._work_done()

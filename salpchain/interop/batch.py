@@ -106,7 +106,7 @@ class Batch:
     It can be copied and pickled, episodes and all.
 
     Raises:
-        InputError: a number of chains or a time limit that cannot be.
+        InputError: an invalid number of chains or time limit.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class Batch:
         led, or by chance if it had none. Of a list of seeds, one that is None is drawn by chance.
 
         Raises:
-            InputError: a seed that cannot be, or not one for each chain.
+            InputError: an invalid seed, or not one for each chain.
         """
         check_can_compute()
         if seed is None and self.states is not None:

@@ -36,7 +36,7 @@ def benchmarl_task(max_steps: int | None = None, **settings: Any) -> SCLDTask:
     """The task with any setting of `TaskConfig`, truncated at its own limit or at `max_steps`.
 
     Raises:
-        InputError: an unknown setting, or one that cannot be.
+        InputError: an unknown setting, or an invalid one.
     """
     config = task_of(settings)
     steps = limit_of(config, max_steps)

@@ -35,7 +35,7 @@ class SalpBraxEnv(base.Env):
     starts elsewhere.
 
     Raises:
-        InputError: a setting of the task that cannot be.
+        InputError: an invalid setting of the task.
     """
 
     def __init__(self, **task: Any) -> None:

@@ -20,7 +20,7 @@ def task_of(settings: dict[str, Any]) -> TaskConfig:
     The time limit is the scaled one unless `time_limit` says otherwise: up to 16 units the paper's.
 
     Raises:
-        InputError: an unknown setting, or one that cannot be.
+        InputError: an unknown setting, or an invalid one.
     """
     for name in settings:
         one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])

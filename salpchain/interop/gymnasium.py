@@ -41,7 +41,7 @@ class SalpEnv(gymnasium.Env):
     """One chain. `info` has its mean distance (m), closed fraction and whether the goal is taken.
 
     Raises:
-        InputError: a setting of the task, or a render mode, that cannot be.
+        InputError: an invalid setting of the task or render mode.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": FRAMES}  # noqa: RUF012
@@ -59,7 +59,7 @@ class SalpEnv(gymnasium.Env):
         """First observation of a new episode; it follows from the seed.
 
         Raises:
-            InputError: a seed that cannot be, or an option: there are none.
+            InputError: an invalid seed, or an option: there are none.
         """
         check_options(options, ())
         super().reset(seed=seed)

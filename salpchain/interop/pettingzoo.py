@@ -27,7 +27,7 @@ class SalpParallelEnv(ParallelEnv):
     for every unit, and all units end together.
 
     Raises:
-        InputError: a setting of the task, or a render mode, that cannot be.
+        InputError: an invalid setting of the task or render mode.
     """
 
     metadata = {  # noqa: RUF012
@@ -67,7 +67,7 @@ class SalpParallelEnv(ParallelEnv):
         There are no options; PettingZoo wants any to be taken.
 
         Raises:
-            InputError: a seed that cannot be.
+            InputError: an invalid seed.
         """
         obs = np.array(self._batch.reset(seed))[0]
         self.agents = list(self.possible_agents)

@@ -25,7 +25,7 @@ class SalpVecEnv(VecEnv):
     """`num_envs` chains that Stable-Baselines3 trains on; wrap it in `VecMonitor` for statistics.
 
     Raises:
-        InputError: a setting of the task, a number of chains or a render mode that cannot be.
+        InputError: an invalid setting of the task, number of chains or render mode.
     """
 
     def __init__(self, num_envs: int = 64, render_mode: str | None = None, **task: Any) -> None:

@@ -100,7 +100,7 @@ def reached(position: Tensor, target: Tensor, tolerance: float) -> Tensor:
 
 
 def potentials(position: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-    """Mean distance (env,) m to the target, and its compressed kin (see domain.reward)."""
+    """Mean distance (env,) m to the target, and its log-compressed counterpart (see `reward`)."""
     square = ((target - position) ** 2).sum(dim=-1)
     apart = square.sqrt()
     together = torch.log1p(square.mean(dim=1).sqrt() / FINE_SCALE)

@@ -30,7 +30,7 @@ class SalpTorchEnv(EnvBase):
         """`num_envs` chains with any setting of `TaskConfig`.
 
         Raises:
-            InputError: an unknown setting, or one that cannot be.
+            InputError: an unknown setting, or an invalid one.
         """
         batch = Batch(task_of(settings), num_envs, renew=False)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))

@@ -69,7 +69,7 @@ class Scenario(BaseScenario):
         """A world of chains; `kwargs` are settings of `TaskConfig`.
 
         Raises:
-            InputError: an unknown setting, or one that cannot be.
+            InputError: an unknown setting, or an invalid one.
         """
         self.config = task_of(kwargs)
         self.viewer_zoom = VIEW * self.config.length + SPAWN
@@ -270,7 +270,7 @@ def make_env(
     For TorchRL there is `make_torchrl_env`.
 
     Raises:
-        InputError: an unknown setting, or one that cannot be.
+        InputError: an unknown setting, or an invalid one.
     """
     config = task_of(settings)
     return ChainEnvironment(
@@ -300,7 +300,7 @@ def make_torchrl_env(
     is that of the task's settings, or `max_steps`.
 
     Raises:
-        InputError: an unknown setting, or one that cannot be; TorchRL is not installed.
+        InputError: an unknown setting, or an invalid one; TorchRL is not installed.
     """
     limit = limit_of(task_of(settings), max_steps)
     need("tensordict", "torchrl")

@@ -1,4 +1,4 @@
-"""Actor and critic on a shared graph trunk (paper section 4.1; DESIGN section 5)."""
+"""Actor and critic on a shared graph trunk (paper section 4.1)."""
 
 from typing import Protocol, runtime_checkable
 
@@ -21,7 +21,7 @@ Present = Bool[Array, " unit"]  # which slots hold a unit
 Joined = Bool[Array, " link"]  # which links act
 Action = Float[Array, "unit act"]
 
-START_LOG_STD = -0.5  # of every action (DESIGN section 5)
+START_LOG_STD = -0.5  # of every action
 
 
 @runtime_checkable

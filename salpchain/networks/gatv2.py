@@ -1,4 +1,4 @@
-"""The graph attention trunk (paper Table 3; DESIGN section 5)."""
+"""The graph attention trunk (paper Table 3)."""
 
 import jax.random as jr
 from jaxtyping import PRNGKeyArray

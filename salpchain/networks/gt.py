@@ -1,4 +1,4 @@
-"""The graph transformer trunk (paper Table 3; DESIGN section 5)."""
+"""The graph transformer trunk (paper Table 3)."""
 
 import equinox as eqx
 import jax.random as jr

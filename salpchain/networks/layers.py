@@ -122,7 +122,7 @@ class TransformerConv(eqx.Module):
 
 
 def _split(x: Float[Array, "unit outputs"], heads: int) -> Float[Array, "unit *head feature"]:
-    """By heads; one alone gets no axis, for XLA on a CPU is slow with an axis of one."""
+    """Split the last axis into heads; a single head gets no axis, which XLA on CPU is slow with."""
     return x.reshape(x.shape[0], heads, -1) if heads > 1 else x
 
 

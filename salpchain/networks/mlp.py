@@ -1,4 +1,4 @@
-"""The fixed-length baseline: one network that sees and steers a whole chain (DESIGN section 5)."""
+"""The fixed-length baseline: one network that sees and steers a whole chain."""
 
 from typing import Any
 

@@ -80,7 +80,7 @@ class Facts:
 
 
 def facts(entries: Sequence[Entry], time_limit: str) -> Facts:
-    """Of all runs, the tests with one time limit."""
+    """The tests of all runs with one time limit."""
     rows = [
         {
             "length": entry.length,
@@ -95,7 +95,7 @@ def facts(entries: Sequence[Entry], time_limit: str) -> Facts:
 
 
 def success_at_end(log: pd.DataFrame) -> float:
-    """Of the episodes that ended in the last tenth of a training; NaN where none did."""
+    """The mean over episodes that ended in the last tenth of a training; NaN where none did."""
     rows = log.tail(max(1, round(LAST * len(log))))
     ended = rows[rows["episodes"] > 0]
     if ended.empty:

@@ -52,7 +52,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """Of its folder: the configuration, then the seed."""
+        """The name of its folder: the configuration, then the seed."""
         return f"{self.config.policy_name}/seed-{self.config.seed}"
 
 
@@ -61,7 +61,7 @@ class Grid:
     """Every model on every graph at every training length, with several seeds.
 
     Raises:
-        InputError: unknown or repeated values, or combinations that cannot be.
+        InputError: unknown or repeated values, or impossible combinations.
     """
 
     preset: str = "quick"
@@ -118,7 +118,7 @@ class Grid:
         return " with ".join([self.preset, *([", ".join(self.settings)] if self.settings else [])])
 
     def configurations(self) -> list[TrainConfig]:
-        """Of all runs, with seed 0; those with one length have no graph."""
+        """The configurations of all runs, with seed 0; those with one length have no graph."""
         return [
             self._config(model, graph, length)
             for length in self.lengths

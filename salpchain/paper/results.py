@@ -109,7 +109,7 @@ def _set_aside(path: Path, wrong: str) -> str:
 
 
 def _check_run(run: Path, job: Job, tested: bool) -> None:
-    """Of a run that has begun every file that it still needs.
+    """Check every file that a started run still needs.
 
     Its checkpoint while it trains, its policy until it is tested: a study can be kept, and gone on
     with elsewhere, without the weights of what is done, and nothing is done again for their sake.
@@ -152,7 +152,7 @@ def _check_summary(path: Path) -> None:
 
 
 def _check_tests(path: Path, lengths: Sequence[int], trials: int, limit: str) -> None:
-    """Of tests that were begun: that they are those of the grid, whole, with all that is read."""
+    """Check that existing test results match the grid and are complete."""
     if not path.exists():
         return
     content = read_json(path)

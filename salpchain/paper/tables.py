@@ -27,7 +27,7 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """Of the controller: model and graph."""
+        """The name of the controller: model and graph."""
         return f"{self.model} {self.graph}".strip()
 
 

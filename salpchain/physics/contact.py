@@ -17,7 +17,7 @@ from salpchain.physics.substeps import Load, Motion
 class Pairs(NamedTuple):
     """Units that may touch, in lists that are gone through one by one.
 
-    A pair of a unit with itself fills up a list.
+    Lists are padded with pairs (i, i), which exert nothing.
     """
 
     first: Int[Array, "list pair batch"]

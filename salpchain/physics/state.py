@@ -53,7 +53,7 @@ class Physics(eqx.Module):
     Every field but the two last may be a traced scalar, so that constants can be randomised.
 
     Raises:
-        InputError: a constant that cannot be, named with its unit.
+        InputError: an invalid constant, named with its unit.
     """
 
     unit_length: Scalar = 0.04  # m, along the chain

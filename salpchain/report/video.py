@@ -42,7 +42,7 @@ class Film:
     """How a video looks.
 
     Raises:
-        InputError: a size, a rate or a speed that cannot be.
+        InputError: an invalid size, rate or speed.
     """
 
     width: int = 1280  # pixels

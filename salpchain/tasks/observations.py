@@ -1,6 +1,5 @@
 """What each unit observes: `table1`, the paper's; `body`, the unit's own view, and variants of it.
 
-DESIGN section 4.
 
 The features are worked out as rows, one number of every unit, with the batch of chains last
 (see `physics.batching`): units are the first axis of every row, whether a batch follows or not.

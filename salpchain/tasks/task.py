@@ -350,7 +350,7 @@ def _at_fence(chain: Chain, fence: Any) -> Bool[Array, ""]:
 RENEWED_AT_ONCE = 32  # a chunk of finished episodes is at most this part of the batch (chosen)
 
 
-LENGTH_STREAM = 1  # sets the draw of an episode's length apart from that of its start
+LENGTH_STREAM = 1  # makes the random length independent of the random start
 
 DrawLength = Callable[[PRNGKeyArray], Int[Array, ""]]
 

@@ -13,6 +13,7 @@ from salpchain.trees import from_arrays, to_arrays
 
 KIND = "checkpoint"
 VERSION = 2
+LAYOUT = 3  # of the learner's records: one of another layout cannot go on
 REMEDIES = {  # by what a checkpoint says of the process that wrote it
     "floats": "set JAX_ENABLE_X64={x64} to go on",
     "keys": "set JAX_DEFAULT_PRNG_IMPL={value} to go on",
@@ -27,6 +28,7 @@ def save_checkpoint(learner: Learner, run: StrPath) -> None:
         OSError: the folder is not writable, or the disk is full.
     """
     header = {"iteration": int(learner.iteration), **_written_by(learner, learner.key)}
+    header["layout"] = LAYOUT
     header["devices"] = len(learner.states.time.devices())
     write_arrays(Path(run) / CHECKPOINT_FILE, KIND, VERSION, header, to_arrays(learner))
 
@@ -53,10 +55,10 @@ def load_checkpoint(run: StrPath, template: Learner) -> Learner:
 
 def _check_switches(path: Path, header: dict[str, Any], template: Learner) -> None:
     """Raise InputError unless numbers and keys are of the kinds that this process works with."""
+    if header.get("layout") != LAYOUT:
+        raise InputError(f"{path} is of an older salpchain: train anew in another folder")
     for name, here in _written_by(template, jr.key(0)).items():
         value = header.get(name)
-        if value is None:
-            raise InputError(f"{path} is of an older salpchain: train anew in another folder")
         if value != here:
             remedy = REMEDIES[name].format(value=value, x64=int(value == "float64"))
             raise InputError(f"{path} was written with {value} {name}, here are {here}: {remedy}")

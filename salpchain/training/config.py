@@ -88,7 +88,7 @@ class Mix:
     so far succeed in the share `grow` of their episodes.
 
     Raises:
-        InputError: lengths out of order or twice, or weights or a share that cannot be.
+        InputError: lengths out of order or twice, or invalid weights or an invalid share.
     """
 
     lengths: tuple[int, ...] = ()  # units, ascending; none: the task's length alone
@@ -126,7 +126,7 @@ class TrainConfig:
     """One training run, whole.
 
     Raises:
-        InputError: a number of steps, a seed or a name that cannot be, or a controller of one
+        InputError: an invalid number of steps, seed or name, or a controller of one
             length with several lengths.
     """
 

@@ -11,7 +11,7 @@ WINDOW = 200.0  # latest episodes of each length over which its success is judge
 ENOUGH = 100.0  # episodes of a length before it is judged (chosen)
 
 
-class Course(eqx.Module):
+class Curriculum(eqx.Module):
     """How far the curriculum has come, with what the latest episodes of each length were."""
 
     stage: Int[Array, ""]  # index of the longest length in play
@@ -19,42 +19,42 @@ class Course(eqx.Module):
     goals: Float[Array, " length"]  # of these, reached
 
 
-def new_course(config: TrainConfig) -> Course:
-    """The course before its first episode: the shortest length alone where it is to grow."""
+def new_curriculum(config: TrainConfig) -> Curriculum:
+    """The curriculum before its first episode: the shortest length alone where it is to grow."""
     last = len(config.lengths) - 1
     none = jnp.zeros(last + 1)
-    return Course(jnp.int32(0 if config.mix.grow else last), none, none)
+    return Curriculum(jnp.int32(0 if config.mix.grow else last), none, none)
 
 
-def draw_length(config: TrainConfig, course: Course, key: PRNGKeyArray) -> Int[Array, ""]:
+def draw_length(config: TrainConfig, curriculum: Curriculum, key: PRNGKeyArray) -> Int[Array, ""]:
     """A length (units) for a new episode, of those in play, each as often as its weight says."""
     lengths = jnp.array(config.lengths)
     if len(config.lengths) == 1:
         return lengths[0]
     weights = jnp.array(config.mix.weights or (1.0,) * len(config.lengths))
-    chances = jnp.where(_in_play(course), jnp.log(weights), -jnp.inf)
+    chances = jnp.where(_in_play(curriculum), jnp.log(weights), -jnp.inf)
     return lengths[jr.categorical(key, chances)]
 
 
 def advance(
     config: TrainConfig,
-    course: Course,
+    curriculum: Curriculum,
     episodes: Float[Array, " length"],
     goals: Float[Array, " length"],
-) -> Course:
-    """The course after these more episodes; one length longer if all in play are solved.
+) -> Curriculum:
+    """The curriculum after these more episodes; one length longer if all in play are solved.
 
     The episodes must be those of whole start cohorts (`cohorts.count`): short episodes, which end
     first, are mostly successes, and would let a length join too soon.
     """
-    counted, reached = course.episodes + episodes, course.goals + goals
+    counted, reached = curriculum.episodes + episodes, curriculum.goals + goals
     fade = jnp.minimum(1.0, WINDOW / jnp.maximum(counted, 1.0))
     counted, reached = counted * fade, reached * fade
     solved = (counted >= ENOUGH) & (reached >= config.mix.grow * counted)
-    joins = (solved | ~_in_play(course)).all()
-    grown = jnp.minimum(course.stage + joins, len(config.lengths) - 1)
-    return Course(grown, counted, reached)
+    joins = (solved | ~_in_play(curriculum)).all()
+    grown = jnp.minimum(curriculum.stage + joins, len(config.lengths) - 1)
+    return Curriculum(grown, counted, reached)
 
 
-def _in_play(course: Course) -> Bool[Array, " length"]:
-    return jnp.arange(course.episodes.shape[0]) <= course.stage
+def _in_play(curriculum: Curriculum) -> Bool[Array, " length"]:
+    return jnp.arange(curriculum.episodes.shape[0]) <= curriculum.stage

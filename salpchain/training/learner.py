@@ -19,8 +19,8 @@ from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
-from salpchain.training.curriculum import Course, advance, draw_length, new_course
-from salpchain.training.ppo import Losses, improve, lessons, optimiser
+from salpchain.training.curriculum import Curriculum, advance, draw_length, new_curriculum
+from salpchain.training.ppo import Losses, improve, optimiser, training_samples
 from salpchain.training.rollout import Outcome, Sample, collect, values
 
 
@@ -31,7 +31,7 @@ class Learner(eqx.Module):
     optimiser_state: Any
     states: State  # batch first, shared out over the devices
     cohorts: Tally  # of episodes, by the rollout in which they began, oldest last
-    course: Course
+    curriculum: Curriculum
     key: PRNGKeyArray
     iteration: Int[Array, ""]
 
@@ -63,12 +63,14 @@ def new_learner(config: TrainConfig, env: SCLD) -> Learner:
         policy = actor_critic(
             weights_key, config.control, env.observation_size, env.action_size, config.task.length
         )
-        course, reset_keys = new_course(config), jr.split(reset_key, config.ppo.envs)
-        lengths = jax.vmap(lambda key: draw_length(config, course, jr.fold_in(key, 0)))(reset_keys)
+        curriculum, reset_keys = new_curriculum(config), jr.split(reset_key, config.ppo.envs)
+        lengths = jax.vmap(lambda key: draw_length(config, curriculum, jr.fold_in(key, 0)))(
+            reset_keys
+        )
         states = jax.vmap(env.reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
         cohorts = no_cohorts(config.task.step_limit, config.ppo.rollout, len(config.lengths))
-        return Learner(policy, state, states, cohorts, course, key, jnp.int32(0))
+        return Learner(policy, state, states, cohorts, curriculum, key, jnp.int32(0))
 
     return new(jr.key(config.seed))
 
@@ -112,17 +114,17 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
     act_key, shuffle_key, key = jr.split(learner.key, 3)
     states, samples, outcomes = collect(
         env, learner.policy, learner.states, act_key, ppo.rollout,
-        partial(draw_length, config, learner.course),
+        partial(draw_length, config, learner.curriculum),
     )  # fmt: skip
-    batch = lessons(ppo, samples, outcomes, values(learner.policy, states))
+    batch = training_samples(ppo, samples, outcomes, values(learner.policy, states))
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
         shuffle_key, learner.iteration / config.iterations,
     )  # fmt: skip
     cohorts, cohort = count(learner.cohorts, outcomes, config.lengths)
-    course = advance(config, learner.course, cohort.episodes, cohort.goals)
+    curriculum = advance(config, learner.curriculum, cohort.episodes, cohort.goals)
     after = Learner(
-        policy, optimiser_state, states, cohorts, course, key, learner.iteration + 1
+        policy, optimiser_state, states, cohorts, curriculum, key, learner.iteration + 1
     )  # fmt: skip
     return after, metrics(policy, losses, samples, outcomes, cohort)
 

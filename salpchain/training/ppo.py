@@ -21,8 +21,8 @@ from salpchain.xla import flat_products
 CACHED_ROWS = {"cpu": 512}
 
 
-class Lesson(eqx.Module):
-    """A sample with what was worth of it."""
+class TrainingSample(eqx.Module):
+    """A sample with its advantage and value target."""
 
     sample: Sample
     advantage: Float[Array, " part"]  # of the chain, or of each unit; normalised over the rollout
@@ -40,9 +40,9 @@ class Losses(eqx.Module):
     grad_norm: Float[Array, ""]
 
 
-def lessons(
+def training_samples(
     config: PPOConfig, samples: Sample, outcomes: Outcome, last_value: Float[Array, " env"]
-) -> Lesson:
+) -> TrainingSample:
     """Samples of a rollout with normalised advantages and value targets, axes (step, env).
 
     With credit for each unit, what its own progress will differ by from the mean unit's is added to
@@ -64,7 +64,7 @@ def lessons(
     mean = jax.lax.pmean(parts.mean(), AXIS)
     deviation = jnp.sqrt(jax.lax.pmean(((parts - mean) ** 2).mean(), AXIS))
     normal = (parts - mean) / (deviation + 1e-8)
-    return jax.vmap(jax.vmap(Lesson))(samples, normal, gain + samples.value)
+    return jax.vmap(jax.vmap(TrainingSample))(samples, normal, gain + samples.value)
 
 
 def own_returns(
@@ -87,7 +87,7 @@ def improve(
     optimiser: optax.GradientTransformation,
     policy: ActorCritic,
     optimiser_state: Any,
-    batch: Lesson,
+    batch: TrainingSample,
     key: PRNGKeyArray,
     done: Float[Array, ""] | float = 0.0,
 ) -> tuple[ActorCritic, Any, Losses]:
@@ -119,7 +119,7 @@ def improve(
 
 
 def entropy_weight(config: PPOConfig, done: Float[Array, ""] | float) -> Float[Array, ""] | float:
-    """Of the entropy in the loss, when this share of the run is over."""
+    """The weight of the entropy in the loss, when this fraction of the run is over."""
     return config.entropy * (1 + done * (config.final_entropy - 1))
 
 
@@ -132,7 +132,7 @@ def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sampl
 def _gradient(
     policy: ActorCritic,
     config: PPOConfig,
-    flat: Lesson,
+    flat: TrainingSample,
     chosen: Int[Array, " minibatch"],
     weight: Float[Array, ""] | float,
 ) -> tuple[ActorCritic, Losses]:
@@ -156,7 +156,7 @@ def _gradient(
 def loss(
     policy: ActorCritic,
     config: PPOConfig,
-    batch: Lesson,
+    batch: TrainingSample,
     weight: Float[Array, ""] | float,
 ) -> tuple[Float[Array, ""], Losses]:
     """The clipped surrogate (paper equation 1), the value error and the entropy, weighted."""

@@ -104,7 +104,7 @@ def choose(
     """A preset for a training length, or for the lengths of a mix, with single settings changed.
 
     Raises:
-        InputError: no preset has this name, or a setting that cannot be, with what would be right.
+        InputError: no preset has this name, or an invalid setting.
     """
     one_of("preset", name, PRESETS)
     if model in SINGLE_LENGTH and graph is not None:

@@ -43,7 +43,7 @@ def create(run: StrPath, config: TrainConfig, devices: int, device: str) -> None
 
 
 def check_free(run: StrPath) -> None:
-    """Nothing, if a new run may use this folder.
+    """Raise InputError unless a new run may use this folder.
 
     Raises:
         InputError: it is a file, or holds something already.

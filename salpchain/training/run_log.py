@@ -97,11 +97,11 @@ class Clock:
 
     @property
     def pace(self) -> float:
-        """Mean seconds of an iteration in this sitting."""
+        """Mean seconds of an iteration in this session."""
         return self._in_laps / self._laps
 
 
-class Journal:
+class RunLog:
     """One run and its files, from the iteration on that it goes on from."""
 
     def __init__(self, config: TrainConfig, run: StrPath, iteration: int) -> None:

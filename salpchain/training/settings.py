@@ -172,7 +172,7 @@ def compose(values: Mapping[str, Any]) -> TrainConfig:
     over it.
 
     Raises:
-        InputError: an unknown setting or preset, or values that cannot be.
+        InputError: an unknown setting or preset, or invalid values.
     """
     values = overlay({}, {path: checked(path, value) for path, value in values.items()})
     return laid_over(_base(values), values)
@@ -198,7 +198,7 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
     """The config with these settings in place of its own, checked all together.
 
     Raises:
-        InputError: values that cannot be.
+        InputError: invalid values.
     """
     if "world.name" in values:
         config = replace(config, world=world_config(values["world.name"]))
@@ -249,7 +249,7 @@ def preset(
     lengths may also be a text such as `4..16`.
 
     Raises:
-        InputError: no such preset or setting, or a value that cannot be; it says what would be.
+        InputError: no such preset or setting, or an invalid value; the message says what is valid.
     """
     for other, value in others.items():
         check_path(other)

@@ -22,7 +22,7 @@ from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import Learner, compile_iterate, new_learner, place
-from salpchain.training.run_log import Journal, Progress
+from salpchain.training.run_log import Progress, RunLog
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 
@@ -54,11 +54,11 @@ def train(
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
         devices = _create(config, run, devices)
-        sitting = Sitting([config], [run], devices, watch, save_every)
-        sitting.tell(Progress(0, config.total_steps, compiling=True))
-        learner = new_learner(config, sitting.env)
+        session = Session([config], [run], devices, watch, save_every)
+        session.tell(Progress(0, config.total_steps, compiling=True))
+        learner = new_learner(config, session.env)
         save_checkpoint(learner, run)
-        return _continue(sitting, [learner])[0]
+        return _continue(session, [learner])[0]
 
 
 def _checked(run: StrPath, watch: Watch | None, save_every: float) -> Path:
@@ -125,12 +125,12 @@ def resume(
         return read_json(run / run_folder.SUMMARY_FILE)
     with alone(run):
         devices, note = _go_on(run, config, before, devices)
-        sitting = Sitting([config], [run], devices, watch, save_every)
-        learner = _saved_or_new(sitting.env, config, run)
+        session = Session([config], [run], devices, watch, save_every)
+        learner = _saved_or_new(session.env, config, run)
         done = int(learner.iteration) * config.ppo.batch
         if done < config.total_steps:
-            sitting.tell(Progress(done, config.total_steps, compiling=True, note=note))
-        return _continue(sitting, [learner])[0]
+            session.tell(Progress(done, config.total_steps, compiling=True, note=note))
+        return _continue(session, [learner])[0]
 
 
 @own_mesh
@@ -145,8 +145,8 @@ def train_together(
     """Runs that differ in their seeds alone, side by side in one compiled program.
 
     An accelerator that one run leaves idle serves them all in little more time. Each has a run
-    folder of its own, as if alone; new ones are made, begun ones go on, those that have come
-    equally far together. `patience`: s to wait for another process that is at one of them.
+    folder of its own, as if alone. New runs are created and unfinished ones resumed; runs at the
+    same iteration train together. `patience`: s to wait for another process that is at one of them.
 
     Raises:
         As `train` and `resume`. A run whose numbers are not finite stops nothing but itself.
@@ -165,10 +165,10 @@ def train_together(
         come = [int(learner.iteration) for learner in learners]
         for iteration in sorted(set(come)):
             some = [i for i in range(len(runs)) if come[i] == iteration]
-            sitting = Sitting(
+            session = Session(
                 [configs[i] for i in some], [runs[i] for i in some], devices, watch, save_every
             )
-            _continue(sitting, [learners[i] for i in some])
+            _continue(session, [learners[i] for i in some])
 
 
 def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> Learner:
@@ -179,8 +179,8 @@ def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> Learner:
 
 
 @dataclass(frozen=True)
-class Sitting:
-    """What stays the same from the start or resumption of runs until they stop."""
+class Session:
+    """Settings that stay fixed from start or resume until the runs stop."""
 
     configs: list[TrainConfig]  # equal but for their seeds
     runs: list[Path]
@@ -199,84 +199,84 @@ class Sitting:
             self.watch(progress)
 
 
-def _continue(sitting: Sitting, learners: list[Learner]) -> list[dict[str, Any]]:
-    config = sitting.configs[0]
-    with _stop_on_signal() as stopped, _journals(sitting, int(learners[0].iteration)) as journals:
-        come = _iterate(sitting, learners, journals, stopped)
-        broken = [journal.broken for journal in journals if journal.broken]
-        whole = [journal for journal in journals if not journal.broken]
+def _continue(session: Session, learners: list[Learner]) -> list[dict[str, Any]]:
+    config = session.configs[0]
+    with _stop_on_signal() as stopped, _run_logs(session, int(learners[0].iteration)) as run_logs:
+        come = _iterate(session, learners, run_logs, stopped)
+        broken = [run_log.broken for run_log in run_logs if run_log.broken]
+        whole = [run_log for run_log in run_logs if not run_log.broken]
         if stopped() or (come < config.iterations and not broken):
             raise KeyboardInterrupt
         if come == config.iterations:
-            sitting.tell(Progress(config.total_steps, config.total_steps, evaluating=True))
-        done = [journal.finish() for journal in whole]
+            session.tell(Progress(config.total_steps, config.total_steps, evaluating=True))
+        done = [run_log.finish() for run_log in whole]
     for error in broken:
         raise error
     return done
 
 
 @contextmanager
-def _journals(sitting: Sitting, come: int) -> Iterator[list[Journal]]:
-    """The journals of runs at an iteration, open; closed at the end."""
+def _run_logs(session: Session, come: int) -> Iterator[list[RunLog]]:
+    """The logs of runs at an iteration, open; closed at the end."""
     with ExitStack() as logs:
-        journals = []
-        for config, run in zip(sitting.configs, sitting.runs, strict=True):
-            journals.append(Journal(config, run, come))
-            logs.callback(journals[-1].close)
-        yield journals
+        run_logs = []
+        for config, run in zip(session.configs, session.runs, strict=True):
+            run_logs.append(RunLog(config, run, come))
+            logs.callback(run_logs[-1].close)
+        yield run_logs
 
 
 def _iterate(
-    sitting: Sitting, learners: list[Learner], journals: list[Journal], stopped: Callable[[], bool]
+    session: Session, learners: list[Learner], run_logs: list[RunLog], stopped: Callable[[], bool]
 ) -> int:
     """Iterations up to the last one, or until stopped; saves now and then. Returns the last."""
-    config = sitting.configs[0]
+    config = session.configs[0]
     last = config.iterations
     first = int(learners[0].iteration)
     if first >= last or stopped():
-        _save_each(journals, learners)  # killed between checkpoint and policy, it lacks the policy
+        _save_each(run_logs, learners)  # killed between checkpoint and policy, it lacks the policy
         return first
-    mesh = mesh_of(sitting.devices)
-    learner = place(_beside(learners), mesh)
-    step = compile_iterate(config, sitting.env, mesh, learner)
-    for journal in journals:
-        journal.clock.start_lap()
+    mesh = mesh_of(session.devices)
+    learner = place(_stack(learners), mesh)
+    step = compile_iterate(config, session.env, mesh, learner)
+    for run_log in run_logs:
+        run_log.clock.start_lap()
     saved = time.monotonic()
     for come in range(first + 1, last + 1):
         learner, metrics = step(learner)
-        each = _apart(jax.device_get(metrics), len(journals))
-        told = [journal.add(come, own) for journal, own in zip(journals, each, strict=True)]
-        sitting.tell(next((progress for progress in told if progress), None))
+        each = _unstack(jax.device_get(metrics), len(run_logs))
+        told = [run_log.add(come, own) for run_log, own in zip(run_logs, each, strict=True)]
+        session.tell(next((progress for progress in told if progress), None))
         if config.is_evaluated_at(come):
-            for journal, own in zip(journals, _apart(learner, len(journals)), strict=True):
-                journal.evaluate(come, own)
+            for run_log, own in zip(run_logs, _unstack(learner, len(run_logs)), strict=True):
+                run_log.evaluate(come, own)
         if stopped() or not any(told):
             break
-        if time.monotonic() - saved > sitting.save_every:
-            _save(journals, learner)
+        if time.monotonic() - saved > session.save_every:
+            _save(run_logs, learner)
             saved = time.monotonic()
-    _save(journals, learner)
+    _save(run_logs, learner)
     return come  # type: ignore[possibly-unbound]
 
 
-def _save(journals: Sequence[Journal], learner: Learner) -> None:
-    _save_each(journals, _apart(learner, len(journals)))
+def _save(run_logs: Sequence[RunLog], learner: Learner) -> None:
+    _save_each(run_logs, _unstack(learner, len(run_logs)))
 
 
-def _save_each(journals: Sequence[Journal], learners: Sequence[Learner]) -> None:
-    for journal, own in zip(journals, learners, strict=True):
-        journal.save(own)
+def _save_each(run_logs: Sequence[RunLog], learners: Sequence[Learner]) -> None:
+    for run_log, own in zip(run_logs, learners, strict=True):
+        run_log.save(own)
 
 
-def _beside(learners: Sequence[Learner]) -> Learner:
+def _stack(learners: Sequence[Learner]) -> Learner:
     """Several learners as one with a leading axis; a single one as it is."""
     if len(learners) == 1:
         return learners[0]
     return jax.tree.map(lambda *x: jnp.stack(x), *learners)
 
 
-def _apart(tree: Any, number: int) -> list[Any]:
-    """Undoes `_beside`, for learners and what they give."""
+def _unstack(tree: Any, number: int) -> list[Any]:
+    """Undoes `_stack`, for learners and what they give."""
     if number == 1:
         return [tree]
     return [jax.tree.map(lambda x, i=i: x[i], tree) for i in range(number)]

@@ -91,7 +91,7 @@ class Engine:
         Raises:
             InputError: it cannot be done; nothing has changed.
         """
-        DEEDS[type(message)](self, message)
+        HANDLERS[type(message)](self, message)
         self.show()
 
     def state(self) -> bytes:
@@ -202,7 +202,7 @@ def _short(point: np.ndarray) -> list[float]:
     return [round(value, 4) for value in point.tolist()]
 
 
-DEEDS: dict[type, Callable[[Engine, Any], None]] = {
+HANDLERS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Place: lambda e, m: e.world.place(m.chain, m.x, m.y, m.turn),
     messages.Draw: lambda e, m: e.world.draw(m.chain, m.points),
     messages.Target: lambda e, m: e.world.retarget(m.chain),

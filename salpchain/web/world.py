@@ -57,7 +57,7 @@ class World:
 
     @property
     def num_units(self) -> int:
-        """Of all chains together."""
+        """The number of units of all chains together."""
         return sum(one.length for one in self.swimmers)
 
     def place(self, name: int, x: float, y: float, turn: float) -> None:

@@ -15,7 +15,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
 from salpchain.evaluation.perturbations import Delayed
-from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
+from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
 from tests.evaluation.controllers import Constant
 
 LENGTHS, TRIALS = [4, 8], 5
@@ -35,7 +35,7 @@ def trials_by_formula(controllers, length, trials, time_limits, seed, progress, 
 def frame_by_formula(name, length, trials, time_limit, seed):
     start = np.arange(1, trials + 1) * length * seed
     about = {"policy": name, "length": length, "trial": np.arange(trials), "seed": seed}
-    names = (*MEASURES, *HARDNESS)
+    names = (*MEASURES, *DIFFICULTY)
     measures = dict.fromkeys(names, len(name) / 100) | {"start_distance": start, "far": start}
     return pd.DataFrame({**about, "time_limit": time_limit, "success": start % 8 == 0, **measures})
 

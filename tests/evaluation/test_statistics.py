@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from salpchain.evaluation.statistics import (
-    HARDNESS,
+    DIFFICULTY,
     MEASURES,
     describe,
     interquartile_mean,
@@ -22,7 +22,7 @@ def frame(lengths=(4, 8), trials=10, policy="swimmer", seed=0):
         {
             **{"policy": policy, "length": n, "trial": i, "seed": 3, "time_limit": "fixed"},
             "success": bool(rng.random() < 0.5),
-            **{name: rng.random() for name in (*MEASURES, *HARDNESS)},
+            **{name: rng.random() for name in (*MEASURES, *DIFFICULTY)},
         }
         for n in lengths
         for i in range(trials)

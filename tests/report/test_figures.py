@@ -9,7 +9,7 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 
 from salpchain.errors import InputError
-from salpchain.evaluation.statistics import HARDNESS, MEASURES, summarise
+from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
 from salpchain.report.figures import learning_curves, over_seeds, zero_shot
 from salpchain.report.style import legend_below
 
@@ -43,7 +43,7 @@ def make_evaluation(path, policy="swimmer", time_limit="fixed", lengths=(4, 8, 1
         about = {"policy": policy, "seed": 0, "time_limit": time_limit}
         rows = [
             {**about, "length": n, "trial": i, "success": rng.random() < 0.5}
-            | {name: rng.random() for name in (*MEASURES, *HARDNESS)}
+            | {name: rng.random() for name in (*MEASURES, *DIFFICULTY)}
             for n in lengths
             for i in range(trials)
         ]

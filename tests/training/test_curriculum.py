@@ -17,8 +17,8 @@ from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.task import renew_done
 from salpchain.training.config import Mix, PPOConfig
-from salpchain.training.curriculum import advance, draw_length, new_course
-from salpchain.training.ppo import Lesson, loss
+from salpchain.training.curriculum import advance, draw_length, new_curriculum
+from salpchain.training.ppo import TrainingSample, loss
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs
 from salpchain.training.run_folder import read_config, read_log
@@ -33,44 +33,44 @@ def mixed(mix, **changes):
     )
 
 
-def drawn(config, course, number=4000):
+def drawn(config, curriculum, number=4000):
     keys = jr.split(jr.key(0), number)
-    return np.asarray(jax.vmap(lambda key: draw_length(config, course, key))(keys))
+    return np.asarray(jax.vmap(lambda key: draw_length(config, curriculum, key))(keys))
 
 
 def test_lengths_are_drawn_as_often_as_their_weights_say():
     config = mixed(Mix((2, 3, 5), (1.0, 1.0, 2.0)))
-    lengths, counts = np.unique(drawn(config, new_course(config)), return_counts=True)
+    lengths, counts = np.unique(drawn(config, new_curriculum(config)), return_counts=True)
     assert list(lengths) == [2, 3, 5]
     np.testing.assert_allclose(counts / counts.sum(), [0.25, 0.25, 0.5], atol=0.03)
 
 
 def test_a_curriculum_starts_with_the_shortest_and_grows_when_all_in_play_are_solved():
     config = mixed(Mix((2, 3, 5), grow=0.9))
-    course = new_course(config)
-    assert set(drawn(config, course)) == {2}
+    curriculum = new_curriculum(config)
+    assert set(drawn(config, curriculum)) == {2}
     few = jnp.array([50.0, 0, 0])
-    assert int(advance(config, course, few, few).stage) == 0  # too few to judge
+    assert int(advance(config, curriculum, few, few).stage) == 0  # too few to judge
     many = jnp.array([150.0, 0, 0])
-    assert int(advance(config, course, many, 0.8 * many).stage) == 0
-    course = advance(config, course, many, 0.95 * many)
-    assert set(drawn(config, course)) == {2, 3}
+    assert int(advance(config, curriculum, many, 0.8 * many).stage) == 0
+    curriculum = advance(config, curriculum, many, 0.95 * many)
+    assert set(drawn(config, curriculum)) == {2, 3}
     both = jnp.array([150.0, 150.0, 0])
-    forgot = advance(config, course, both, jnp.array([100.0, 150.0, 0]))
+    forgot = advance(config, curriculum, both, jnp.array([100.0, 150.0, 0]))
     assert int(forgot.stage) == 1  # the shortest must stay solved
-    course = advance(config, course, both, both)
-    assert set(drawn(config, course)) == {2, 3, 5}
-    assert int(advance(config, course, 9 * both, 9 * both).stage) == 2
+    curriculum = advance(config, curriculum, both, both)
+    assert set(drawn(config, curriculum)) == {2, 3, 5}
+    assert int(advance(config, curriculum, 9 * both, 9 * both).stage) == 2
 
 
 def test_what_a_curriculum_judges_are_the_latest_episodes():
     config = mixed(Mix((2, 3), grow=0.9))
-    course, lost = new_course(config), jnp.array([1000.0, 0.0])
-    course = advance(config, course, lost, 0 * lost)
+    curriculum, lost = new_curriculum(config), jnp.array([1000.0, 0.0])
+    curriculum = advance(config, curriculum, lost, 0 * lost)
     for _ in range(12):
         won = jnp.array([100.0, 0.0])
-        course = advance(config, course, won, won)
-    assert int(course.stage) == 1
+        curriculum = advance(config, curriculum, won, won)
+    assert int(curriculum.stage) == 1
 
 
 def test_renewed_chains_get_the_drawn_length_and_the_others_stay_bit_identical():
@@ -93,7 +93,7 @@ def samples_of(policy, lengths, slots, inputs=5):
     action = mean + 0.4
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
     sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
-    return jax.vmap(Lesson)(sample, jnp.ones((len(lengths), 1)), value)
+    return jax.vmap(TrainingSample)(sample, jnp.ones((len(lengths), 1)), value)
 
 
 def gradient(policy, ratio, batch):

@@ -14,7 +14,7 @@ from salpchain.tasks.reach.reward import own_progress
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.ppo import (
-    Lesson,
+    TrainingSample,
     entropy,
     entropy_weight,
     loss,
@@ -36,7 +36,7 @@ def batch_of(policy, size=6, units=4, inputs=5):
     action = mean + 0.3 * jr.normal(keys[1], mean.shape)
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, action, present)
     sample = jax.vmap(Sample)(obs, present, joined, action, density, value)
-    return jax.vmap(Lesson)(sample, jr.normal(keys[2], (size, 1)), value + 1.0)
+    return jax.vmap(TrainingSample)(sample, jr.normal(keys[2], (size, 1)), value + 1.0)
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ SWITCHES = {
     "mesh": {},
 }
 # Each takes its time to compile: what another case shows, too, is left out.
-DEEDS = {"rbg": "train", "unsafe_rbg": "swim", "mesh": "mesh,train"}
+HANDLERS = {"rbg": "train", "unsafe_rbg": "swim", "mesh": "mesh,train"}
 FLOATS = "with {} floats, here are {}: set JAX_ENABLE_X64={} to go on"
 KEYS = "with {} keys, here are {}: set JAX_DEFAULT_PRNG_IMPL={} to go on"
 PLAIN = "threefry2x32"
@@ -50,7 +50,7 @@ def run(trained, tmp_path):
 
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_under_every_switch_all_works_or_names_the_remedy(switch, run, tmp_path):
-    deeds, new = DEEDS.get(switch, "swim,train"), tmp_path / "new"
+    deeds, new = HANDLERS.get(switch, "swim,train"), tmp_path / "new"
     words = [sys.executable, "-m", "tests.training.switched", deeds, str(new), str(run)]
     environment = {**os.environ, **SWITCHES[switch]}
     done = subprocess.run(words, env=environment, capture_output=True, text=True)

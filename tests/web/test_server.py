@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.web import guard, messages, recorder, server
-from salpchain.web.engine import DEEDS
+from salpchain.web.engine import HANDLERS
 from tests.web.test_fleet import save_runs
 
 
@@ -351,7 +351,7 @@ def test_a_client_that_does_not_listen_holds_one_state_not_all():
 
 def test_the_schema_names_every_message_that_the_engine_knows():
     kinds = {kind["properties"]["type"]["enum"][0] for kind in messages.schema()["$defs"].values()}
-    assert kinds == {kind.__struct_config__.tag for kind in DEEDS}
+    assert kinds == {kind.__struct_config__.tag for kind in HANDLERS}
 
 
 def test_a_port_in_use_names_the_next_free_one():

@@ -29,7 +29,7 @@ class TaskConfig:
     """The Salp Chain Locomotion Domain, as one run plays it.
 
     Raises:
-        InputError: a setting that cannot be, with what would be right.
+        InputError: an invalid setting; the message states the valid values.
     """
 
     length: int = 8  # number of units; the slots of a batch that mixes lengths

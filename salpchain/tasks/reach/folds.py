@@ -21,8 +21,8 @@ FLATTER = (1.0, 0.9, 0.8, 0.7, 0.5, 0.25, 0.0)  # times the turns, until no unit
 def folded(key: PRNGKeyArray, chain: Chain, length: int | Array, physics: Physics = PAPER) -> Chain:
     """The straight chain at rest, folded at a random place by a random angle and waved a little.
 
-    The first unit and link stay where they are, no two units overlap, and what is at rest is the
-    straight chain.
+    The first unit and link stay where they are, no two units overlap, and the rest angles are
+    those of the straight chain.
     """
     turns = _turns(key, chain.present.shape[0], length)
     angle, first = chain.units.angle[0], chain.units.position[0]

@@ -36,7 +36,7 @@ class Distances(eqx.Module):
 
 
 def distances(chain: Chain, target: Float[Array, "unit 2"]) -> Distances:
-    """Mean distance of the present units to their target points, and its compressed kin.
+    """Mean distance of the present units to their targets, and its log-compressed counterpart.
 
     The compressed one is half the mean over units of log(1 + distance / scale), which rewards the
     last centimetres of each unit, and half that logarithm of the root mean square distance, which

@@ -1,4 +1,4 @@
-"""Where chains start and the target poses they must take (paper section 3.1; DESIGN section 4)."""
+"""Where chains start and the target poses they must take (paper section 3.1)."""
 
 from typing import NamedTuple
 
