@@ -14,7 +14,7 @@ import json  # noqa: E402
 import numpy as np  # noqa: E402
 
 from salpchain.devices import mesh_of  # noqa: E402
-from salpchain.tasks.task import SCLD  # noqa: E402
+from salpchain.tasks.reach.task import SCLD  # noqa: E402
 from salpchain.training.learner import compile_iterate, new_learner, place  # noqa: E402
 from tests.training.small import small  # noqa: E402
 
