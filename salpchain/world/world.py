@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from salpchain.physics.chain import step
+from salpchain.physics.obstacles import Obstacles
 from salpchain.physics.state import Chain, Physics
 from salpchain.world.config import WorldConfig
 from salpchain.world.current import Current, carried
@@ -23,6 +24,7 @@ class World(eqx.Module):
     dynamics: Physics = eqx.field(default_factory=Physics)
     current: Current | None = None
     thrusters: Thrusters | None = None
+    obstacles: Obstacles | None = None
     sensing: Sensing | None = None
     drawn_from: WorldConfig | None = eqx.field(default=None, static=True)  # for each episode
 
@@ -44,7 +46,7 @@ class World(eqx.Module):
         """The chain one control step later, under the thrusts (N) that act."""
         if self.current is not None:
             chain = carried(chain, self.current, self.dynamics)
-        return step(chain, thrust, self.dynamics, fence, contact)
+        return step(chain, thrust, self.dynamics, fence, contact, self.obstacles)
 
     def advance(self, key: PRNGKeyArray) -> "World":
         """The world one control step later: with the current that it has then."""

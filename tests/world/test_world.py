@@ -12,6 +12,7 @@ from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.reach.config import TaskConfig
 from salpchain.world.config import CurrentConfig, Range, SensingConfig, ThrusterConfig, WorldConfig
 from salpchain.world.current import Shear, Sum, Uniform, Vortex, Wandering
+from salpchain.world.obstacles import make_obstacles
 from salpchain.world.presets import WORLDS
 from salpchain.world.randomise import draw_world
 from salpchain.world.sensing import Sensing
@@ -202,6 +203,22 @@ def test_a_chain_with_other_constants_starts_at_rest_with_its_joints_closed():
     )
     after = jax.jit(env.step)(state, jnp.zeros((4, 1)))
     assert jnp.abs(after.chain.units.velocity).max() < 1e-5
+
+
+def farthest(world):
+    """The greatest y of a chain that pushes towards +y for 4 s."""
+    env = salpchain.SCLD(TaskConfig(length=UNITS), world)
+    move = jax.jit(lambda state: env.step(state, jnp.ones((UNITS, 1))))
+    state = env.start(CHAIN, PLACES + 1.0, jr.key(0))
+    for _ in range(40):
+        state = move(state)
+    return float(state.chain.units.position[:, 1].max())
+
+
+def test_a_wall_in_the_world_stops_what_swims_against_it():
+    wall = make_obstacles(walls=[((-1.0, 0.2), (1.0, 0.2), 0.1)])  # its face is at y = 0.15 m
+    assert farthest(World()) > 0.3
+    assert farthest(World(obstacles=wall)) < 0.15 - Physics.unit_width / 2 + 2e-3
 
 
 def test_the_still_world_is_the_bare_step():
