@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from json import dumps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -73,23 +73,33 @@ def run(options: Evaluate) -> None:
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
-    from salpchain.evaluation import too_short
-    from salpchain.evaluation.evaluate import difficulty_table, evaluate, table
+    from salpchain.evaluation.evaluate import evaluate
 
     with share_display("testing") as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
             progress=watch, overwrite=options.overwrite, world=world,
         )  # fmt: skip
+    learned_in = tested.card.world
+    if learned_in not in ("still", options.world):
+        say(f"trained in {learned_in}, tested in {options.world}: --world says where it swims")
+    _print(summary, out, options.json)
+
+
+def _print(summary: dict[str, Any], out: Path, as_json: bool) -> None:
+    """The tables, or the summary as JSON, and where the files are."""
+    from rich.console import Console
+
+    from salpchain.evaluation import too_short
+    from salpchain.evaluation.evaluate import difficulty_table, table
+
     said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
     note = too_short.of_summary(summary)
-    if options.json:
+    if as_json:
         print(dumps(summary, indent=2, allow_nan=False))
         say(note)
         say(said)
         return
-    from rich.console import Console
-
     hardness = difficulty_table(summary)
     Console().print(table(summary), *([hardness] if hardness.row_count else []))
     if note:

@@ -61,7 +61,8 @@ def run(options: Rollout) -> None:
         swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
     closed = f"{100 * swim.closed_fraction:.1f} % closed"
-    print(f"{swim.policy}, {swim.length} units: {end} after {swim.duration:.1f} s, {closed}")
+    where = "" if swim.world == "still" else f" in {swim.world}"
+    print(f"{swim.policy}, {swim.length} units{where}: {end} after {swim.duration:.1f} s, {closed}")
     say_if_too_short([swim])
     print(f"wrote {out}")
 

@@ -223,6 +223,8 @@ def table(summary: Summary) -> Table:
     others = baseline["lengths"] if baseline else [None] * len(summary["lengths"])
     trials = max(entry["trials"] for entry in summary["lengths"])
     about = f"{trials} trials, {summary['time_limit']} time limit, seed {summary['seed']}"
+    if summary.get("world", "still") != "still":
+        about += f", world {escape(summary['world'])}"
     made = Table(
         title=f"{summary['policy']}: {about}",
         caption="percent [95 % interval]; steps: median to the goal; time: median of steps over the"

@@ -29,7 +29,7 @@ def top_speed(physics: Physics, length: int | Array) -> Scalar:
     v = (1 - drag) v + a T in the steady state, a the acceleration and T the control step.
     Infinite without drag.
     """
-    if physics.drag == 0:
+    if isinstance(physics.drag, int | float) and physics.drag == 0:
         return float("inf")
     return acceleration(physics, length) * physics.control_step / physics.drag
 
@@ -195,6 +195,8 @@ def _mean_of_ramp(physics: Physics) -> float:
 
 def _sum_of_sums(keep: Scalar, count: int | Array) -> Scalar:
     """Sum over j < count of the sum over i < j of keep^i."""
-    if keep == 1:
-        return count * (count - 1) / 2
-    return (count - (1 - keep**count) / (1 - keep)) / (1 - keep)
+    whole = count * (count - 1) / 2  # without drag
+    if isinstance(keep, int | float):
+        return whole if keep == 1 else (count - (1 - keep**count) / (1 - keep)) / (1 - keep)
+    lost = jnp.where(keep == 1, 1.0, 1 - keep)
+    return jnp.where(keep == 1, whole, (count - (1 - keep**count) / lost) / lost)

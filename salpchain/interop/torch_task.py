@@ -57,7 +57,7 @@ def target_pose(envs: int, length: int, device: Device) -> Tensor:
 
 
 def curve(radius: Tensor, left: Tensor, double: Tensor, turn: Tensor, length: int) -> Tensor:
-    """Points (env, unit, 2) m one link apart on arcs, the first at the origin (see domain.pose)."""
+    """Points (env, unit, 2) m one link apart on arcs, the first at the origin (see `targets`)."""
     second = torch.arange(length - 1, device=radius.device) >= (length + 1) // 2
     side = torch.where(second & double[:, None], -1.0, 1.0)
     step = 2 * torch.arcsin(torch.clamp(LINK / (2 * radius), max=1.0))
@@ -113,7 +113,7 @@ def observe(name: str, chains: Chains) -> Tensor:
 
 
 def body(chains: Chains, metric: bool = False) -> Tensor:
-    """The unit's own view, 22 numbers (see domain.observation)."""
+    """The unit's own view, 22 numbers (see `observations`)."""
     length = chains.angle.shape[1]
     error = chains.target - chains.position
     here = chains.position.mean(dim=1, keepdim=True)
@@ -142,7 +142,7 @@ def body(chains: Chains, metric: bool = False) -> Tensor:
 
 
 def table1(chains: Chains) -> Tensor:
-    """The paper's Table 1, 24 numbers (see domain.observation)."""
+    """The paper's Table 1, 24 numbers (see `observations`)."""
     position, velocity, angle = chains.position, chains.velocity, chains.angle
     index = torch.arange(angle.shape[1], device=angle.device)
     bits = torch.stack([(index >> bit) & 1 for bit in range(4)], dim=-1)
@@ -167,7 +167,7 @@ def table1(chains: Chains) -> Tensor:
 
 
 def proximity(chains: Chains, metric: bool = False) -> Tensor:
-    """`body`, and the nearest unit that is no neighbour (see domain.observation)."""
+    """`body`, and the nearest unit that is no neighbour (see `observations`)."""
     position, length = chains.position, chains.angle.shape[1]
     slot = torch.arange(length, device=position.device)
     offset = position[:, None] - position[:, :, None]

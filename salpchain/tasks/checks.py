@@ -1,4 +1,4 @@
-"""What the domain's functions are given, checked when they are traced; free once compiled."""
+"""What the functions of a task are given, checked when they are traced; free once compiled."""
 
 from typing import Any
 

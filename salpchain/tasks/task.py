@@ -205,7 +205,7 @@ class Task(eqx.Module):
         action = checked_action(action, self._action_shape, state.chain.units.angle)
         world, senses, time = self.world_of(state), state.senses, state.time + 1
         invalid, moving = _find_invalid(None, action, state.chain.present)
-        action, senses = _given(world, senses, action, state.time)
+        action, senses = _given(world, senses, action, moving, state.time)
         chain, thrust, fence = self._swim(world, state, action, moving)
         force = thrust[:, None] * heading(state.chain.units.angle)
         target, plan = self.move(state)
@@ -316,12 +316,12 @@ def _with_present(chain: Chain, present: Bool[Array, " unit"]) -> Chain:
 
 
 def _given(
-    world: World, senses: Senses | None, action: Array, time: Int[Array, ""]
+    world: World, senses: Senses | None, action: Array, moving: Array, time: Int[Array, ""]
 ) -> tuple[Array, Senses | None]:
     """The action that acts in a control step, and what the sensors remember of those given."""
     if world.sensing is None or senses is None:
         return action, senses
-    return world.sensing.given(senses, action, time)
+    return world.sensing.given(senses, jnp.where(moving[:, None], action, 0.0), time)
 
 
 def _later(

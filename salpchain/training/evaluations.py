@@ -33,12 +33,10 @@ def evaluate_training(
     """
     policy = jax.tree.map(jnp.asarray, jax.device_get(policy))  # off the devices of the training
     trials = max(FEWEST, TRIALS // len(lengths))
-    frames = [
-        run_trials([policy], n, trials, TIME_LIMIT, SEED, world=as_config(world))[0]
-        for n in lengths
-    ]
+    asked, water = (trials, TIME_LIMIT, SEED), as_config(world)
+    frames = [run_trials([policy], n, *asked, world=water)[0] for n in lengths]
     each = [{"length": n, **_measures(own)} for n, own in zip(lengths, frames, strict=True)]
-    about = {"time_limit": TIME_LIMIT, "seed": SEED}
+    about = {"time_limit": TIME_LIMIT, "seed": SEED, "world": water.label}
     return {**_measures(pd.concat(frames)), **about, "lengths": each}
 
 

@@ -240,6 +240,7 @@ def preset(
     model: str | None = None,
     graph: str | None = None,
     seed: int = 0,
+    world: str | None = None,
     settings: Mapping[str, object] | None = None,
     **others: object,
 ) -> TrainConfig:
@@ -259,6 +260,7 @@ def preset(
     units = as_lengths(length)
     lengths = {"task.length": units[0]} if len(units) == 1 else {"mix.lengths": tuple(units)}
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
+    asked["world.name"] = world
     values = {path: value for path, value in asked.items() if value is not None}
     above = {path: checked(path, value) for path, value in settings.items()}
     config = compose(overlay({**values, **lengths}, above))

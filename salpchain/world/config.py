@@ -39,8 +39,10 @@ def as_range(value: object) -> Range:
         ends = [float(part) for part in _parts(value)]
     except (TypeError, ValueError):
         ends = []
-    if not 1 <= len(ends) <= 2 or not all(map(isfinite, ends)) or ends[0] > ends[-1]:
-        raise InputError(f"must be a number or a range such as 0:0.08, got {value!r}")
+    if not 1 <= len(ends) <= 2 or not all(map(isfinite, ends)):
+        raise InputError(f"must be a finite number or a range such as 0:0.08, got {value!r}")
+    if ends[0] > ends[-1]:
+        raise InputError(f"must have the lower end first, {ends[1]:g}:{ends[0]:g}, got {value!r}")
     return Range(ends[0], ends[-1])
 
 

@@ -51,15 +51,17 @@ def draw_world(
     )
 
 
-WorldLike = World | WorldConfig | Physics | str
+WorldLike = World | WorldConfig | Physics | str | None
 
 
 def as_world(given: WorldLike) -> World:
-    """A world: itself, the still one with these physics, or one that each episode draws.
+    """A world: itself, the still one, that with these physics, or one that each episode draws.
 
     Raises:
         InputError: another kind of world, or an unknown name of one.
     """
+    if given is None:
+        return World()
     if isinstance(given, World):
         return given
     if isinstance(given, Physics):

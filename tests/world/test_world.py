@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import salpchain
+from salpchain.evaluation.limits import _sum_of_sums
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.reach.config import TaskConfig
@@ -231,3 +232,29 @@ def test_an_unknown_world_is_refused_with_the_names():
     for use in (salpchain.SCLD, lambda config, world: salpchain.record("greedy", 4, world=world)):
         with pytest.raises(salpchain.InputError, match="world 'choppy': choose one of still"):
             use(TaskConfig(), "choppy")
+
+
+def test_policies_are_tested_and_shown_in_a_world_that_draws_its_physics(tmp_path):
+    tested = salpchain.evaluate("greedy", 3, 4, world="rough", out=tmp_path)
+    assert tested["world"] == "rough" and 0 <= tested["lengths"][0]["success"]["mean"] <= 1
+    with pytest.raises(salpchain.InputError, match="other results of greedy: world rough"):
+        salpchain.evaluate("greedy", 3, 4, out=tmp_path)
+    (swim,) = salpchain.record("greedy", 3, world="failing")
+    assert swim.world == "failing" and np.isfinite(swim.unit_position).all()
+
+
+def test_the_limits_of_a_world_with_drawn_drag_are_those_of_each_drag():
+    swum = lambda drag: _sum_of_sums(1 - drag, 5)  # noqa: E731
+    drawn = jax.jit(jax.vmap(swum))(jnp.array([0.0, 0.2, 0.5]))
+    naive = [sum(sum((1 - d) ** i for i in range(j)) for j in range(5)) for d in (0.0, 0.2, 0.5)]
+    np.testing.assert_allclose(drawn, naive, rtol=1e-5)
+    np.testing.assert_allclose([swum(0.0), swum(0.2), swum(0.5)], naive, rtol=1e-9)
+
+
+def test_an_action_of_nan_ends_the_episode_and_nothing_turns_nan_in_any_world():
+    for name in WORLDS:
+        env = salpchain.SCLD(TaskConfig(length=UNITS), name)
+        after = jax.jit(env.step)(env.reset(jr.key(0)), jnp.full((UNITS, 1), jnp.nan))
+        assert after.invalid and after.terminated
+        floats = [x for x in jax.tree.leaves(after) if jnp.issubdtype(x.dtype, jnp.floating)]
+        assert all(jnp.isfinite(x).all() for x in floats)
