@@ -64,7 +64,7 @@ def compared(domain):
     def judge(chain, target, force, before):
         now, goal = distances(chain, target), reached(chain, target)
         terms = reward_terms(before, now, goal)
-        reward = terms.approach + terms.goal + domain.config.fine_weight * terms.fine
+        reward = terms["approach"] + terms["goal"] + domain.config.fine_weight * terms["fine"]
         return domain.observe(chain, target, force), reward, goal, now
 
     return jax.jit(jax.vmap(judge))
