@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.physics.state import Chain
@@ -41,8 +42,8 @@ class State(eqx.Module):
 
     @property
     def goal(self) -> Bool[Array, "*batch"]:
-        """Whether the target pose is taken."""
-        return self.terms["goal"] > 0
+        """Whether the target pose is taken; never in a task without the term `goal`."""
+        return self.terms["goal"] > 0 if "goal" in self.terms else jnp.zeros_like(self.invalid)
 
     @property
     def seen(self) -> Chain:

@@ -5,6 +5,7 @@ for one chain and batched with `jax.vmap`.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -212,13 +213,13 @@ class Task(eqx.Module):
         now = distances(chain, target)
         terms, ended = self.judge(state, Moment(chain, target, now, ~invalid))
         world, senses = _later(world, senses, chain, state.key, time)
-        return State(
+        return replace(
+            state,
             chain=chain,
             target=target,
             thrust=thrust,
             force=force,
             distances=now,
-            start_distance=state.start_distance,
             time=time,
             obs=self._sense(chain, senses, target, force),
             reward=self._reward(terms),
@@ -226,7 +227,6 @@ class Task(eqx.Module):
             terminated=ended | invalid | _at_fence(chain, fence),
             truncated=time >= self.step_limit(state.length),
             invalid=invalid,
-            key=state.key,
             world=of_episode(world),
             senses=senses,
             plan=plan,

@@ -11,6 +11,8 @@ from salpchain.evaluation.limits import _sum_of_sums
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.state import Judgement, Start
+from salpchain.tasks.task import Task
 from salpchain.world.config import CurrentConfig, Range, SensingConfig, ThrusterConfig, WorldConfig
 from salpchain.world.current import Shear, Sum, Uniform, Vortex, Wandering
 from salpchain.world.obstacles import make_obstacles
@@ -258,3 +260,26 @@ def test_an_action_of_nan_ends_the_episode_and_nothing_turns_nan_in_any_world():
         assert after.invalid and after.terminated
         floats = [x for x in jax.tree.leaves(after) if jnp.issubdtype(x.dtype, jnp.floating)]
         assert all(jnp.isfinite(x).all() for x in floats)
+
+
+class Hold(Task):
+    """A task of one's own: stay where the chain starts."""
+
+    @property
+    def weights(self):
+        return {"near": 1.0}
+
+    def begin(self, key, draw_key, length, physics):
+        return Start(CHAIN, CHAIN.units.position)
+
+    def judge(self, before, after):
+        return Judgement({"near": -after.distances.mean}, jnp.zeros((), bool))
+
+
+def test_a_task_of_ones_own_swims_in_a_world_and_needs_no_goal():
+    env = Hold(TaskConfig(length=UNITS), World(current=Uniform((0.05, 0.0))))
+    state = env.reset(jr.key(0))
+    for _ in range(3):
+        state = env.step(state, jnp.zeros((UNITS, 1)))
+    assert float(state.reward) == pytest.approx(-float(state.distances.mean)) != 0
+    assert set(state.terms) == {"near"} and not state.goal and not state.terminated
