@@ -27,7 +27,7 @@ from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
 from salpchain.tasks.reach.config import PLAYED_LIMIT, TIME_LIMITS, check_seed, one_of, step_limit
 from salpchain.world.config import WorldConfig
-from salpchain.world.presets import as_config
+from salpchain.world.presets import as_config, label
 
 STILL = WorldConfig()
 
@@ -174,7 +174,7 @@ def _summary(
     told = summarise(frames[0])
     whose = {"policy": told["policy"], "identity": identity(controller)}
     summary = whose | told | {"card": controller.card.as_dict()}
-    summary |= {"task": "reach", "world": world.label}
+    summary |= {"task": "reach", "world": label(world)}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
         write_text(Path(out) / TRIALS_FILE, pd.concat(frames).to_csv(index=False))

@@ -8,6 +8,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.files import StrPath, read_json
 from salpchain.world.config import WorldConfig
+from salpchain.world.presets import label
 
 
 def _refused(message: str) -> InputError:
@@ -30,7 +31,7 @@ def settings(
         "trials": trials,
         "time limit": time_limit,
         "seed": seed,
-        "world": world.label,
+        "world": label(world),
         "baseline": baseline,
     }
 

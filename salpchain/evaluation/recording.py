@@ -26,7 +26,7 @@ from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.world.config import WorldConfig
-from salpchain.world.presets import as_config
+from salpchain.world.presets import as_config, label
 
 AT_ONCE = 64  # control steps in one compiled call, which bounds memory (chosen)
 
@@ -72,7 +72,7 @@ def record(
         start = _starts(env, lengths, seed, trial)
         states, frames = _play_out(env, controller, start, tell)
     about = {"policy": name, "identity": identity(controller)}
-    about |= {"seed": seed, "trial": trial, "time_limit": time_limit, "world": water.label}
+    about |= {"seed": seed, "trial": trial, "time_limit": time_limit, "world": label(water)}
     return [_trajectory(env, about, states, frames, i, n) for i, n in enumerate(lengths)]
 
 

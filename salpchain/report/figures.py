@@ -160,7 +160,10 @@ def _name(settings: dict[str, Any], differ: Iterable[str]) -> str:
         return settings["name"]
     known = ("control.model", "control.graph", "task.length")
     model, graph, length = (settings[k] for k in known)
-    more = [f"{k.split('.')[-1]} {settings.get(k)}" for k in differ if k not in (*known, "name")]
+    told = [k for k in differ if k not in (*known, "name")]
+    if "world.name" in told:  # which says the world's other settings
+        told = [k for k in told if not k.startswith("world.") or k == "world.name"]
+    more = [f"{k.removesuffix('.name').split('.')[-1]} {settings.get(k)}" for k in told]
     return ", ".join([f"{model} {graph}, {length} units", *more])
 
 

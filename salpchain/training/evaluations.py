@@ -12,7 +12,7 @@ from salpchain.controllers.policy import Policy
 from salpchain.evaluation.statistics import share
 from salpchain.evaluation.trials import run_trials
 from salpchain.world.config import WorldConfig
-from salpchain.world.presets import as_config
+from salpchain.world.presets import as_config, label
 
 SEED = 0  # of the starts: those of `salpchain evaluate`, which then tells the same (chosen)
 TIME_LIMIT = "scaled"
@@ -36,7 +36,7 @@ def evaluate_training(
     asked, water = (trials, TIME_LIMIT, SEED), as_config(world)
     frames = [run_trials([policy], n, *asked, world=water)[0] for n in lengths]
     each = [{"length": n, **_measures(own)} for n, own in zip(lengths, frames, strict=True)]
-    about = {"time_limit": TIME_LIMIT, "seed": SEED, "world": water.label}
+    about = {"time_limit": TIME_LIMIT, "seed": SEED, "world": label(water)}
     return {**_measures(pd.concat(frames)), **about, "lengths": each}
 
 

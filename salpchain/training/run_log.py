@@ -19,6 +19,7 @@ from salpchain.training.checkpoint import save_checkpoint
 from salpchain.training.config import TrainConfig
 from salpchain.training.evaluations import Evaluation, evaluate_training
 from salpchain.training.learner import Learner, Metrics
+from salpchain.world.presets import label
 
 RECENT = 200  # episodes of the latest whole cohorts over which success is shown (chosen)
 
@@ -238,7 +239,7 @@ def _policy(config: TrainConfig, learner: Learner) -> Policy:
         length=config.task.length,
         lengths=config.lengths,
         steps=int(learner.iteration) * config.ppo.batch,
-        world=config.world.label,
+        world=label(config.world),
     )
     return Policy(learner.policy, card)
 

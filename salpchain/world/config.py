@@ -174,24 +174,15 @@ class WorldConfig:
     sensing: SensingConfig = field(default_factory=SensingConfig)
 
     @property
-    def label(self) -> str:
-        """The preset's name, and what is otherwise than in it."""
-        from salpchain.world.presets import WORLDS
-
-        base = WORLDS[self.name][1] if self.name in WORLDS else WorldConfig()
-        changes = ", ".join(f"{path} {value}" for path, value in self.changes(base).items())
-        return f"{self.name} with {changes}" if changes else self.name
-
-    @property
     def is_still(self) -> bool:
         """Whether this is the paper's world: still water and nothing that fails."""
         return replace(self, name="still") == WorldConfig()
 
-    def changes(self, base: "WorldConfig | None" = None) -> dict[str, Any]:
-        """What is otherwise than in the still world, or in another, by path."""
-        still, found = base or WorldConfig(), {}
+    def changes(self, base: "WorldConfig") -> dict[str, Any]:
+        """What is otherwise than in another world, by path."""
+        found = {}
         for part in fields(self)[1:]:
-            here, there = getattr(self, part.name), getattr(still, part.name)
+            here, there = getattr(self, part.name), getattr(base, part.name)
             for one in fields(here):
                 value = getattr(here, one.name)
                 if value != getattr(there, one.name):

@@ -1,4 +1,4 @@
-"""Named worlds: what `--world NAME` means."""
+"""Named worlds: what `--world NAME` means; docs/world.md describes each."""
 
 from dataclasses import replace
 
@@ -13,47 +13,34 @@ from salpchain.world.config import (
     WorldConfig,
 )
 
-WORLDS: dict[str, tuple[str, WorldConfig]] = {
-    "still": ("the paper's: still water, perfect sensors", WorldConfig()),
-    "current": (
-        "uniform currents up to 8 cm/s that change in time",
-        WorldConfig(current=CurrentConfig(speed=Range(0.0, 0.06), wander=Range(0.0, 0.02))),
+WORLDS: dict[str, WorldConfig] = {
+    "still": WorldConfig(),
+    "current": WorldConfig(current=CurrentConfig(speed=Range(0.0, 0.06), wander=Range(0.0, 0.02))),
+    "vortex": WorldConfig(current=CurrentConfig(vortex=Range(0.02, 0.08))),
+    "failing": WorldConfig(
+        thrusters=ThrusterConfig(dead=Range(0.0, 0.5), failing=Range(0.0, 0.25))
     ),
-    "vortex": (
-        "a vortex of 2 to 8 cm/s near the way",
-        WorldConfig(current=CurrentConfig(vortex=Range(0.02, 0.08))),
+    "noisy": WorldConfig(
+        sensing=SensingConfig(
+            position=Range(0.0, 0.01),
+            angle=Range(0.0, 0.1),
+            dropped=Range(0.0, 0.05),
+            stuck=Range(0.0, 0.05),
+            delay=Range(0.0, 2.0),
+        )
     ),
-    "failing": (
-        "up to half of the thrusters dead from the start, up to a quarter fail on the way",
-        WorldConfig(thrusters=ThrusterConfig(dead=Range(0.0, 0.5), failing=Range(0.0, 0.25))),
-    ),
-    "noisy": (
-        "noisy, late, stuck and dropped readings",
-        WorldConfig(
-            sensing=SensingConfig(
-                position=Range(0.0, 0.01),
-                angle=Range(0.0, 0.1),
-                dropped=Range(0.0, 0.05),
-                stuck=Range(0.0, 0.05),
-                delay=Range(0.0, 2.0),
-            )
+    "rough": WorldConfig(
+        dynamics=DynamicsConfig(
+            mass=Range(0.8, 1.2), drag=Range(0.8, 1.2), stiffness=Range(0.8, 1.2)
         ),
-    ),
-    "rough": (
-        "all at once, in moderation: currents, dead and weak thrusters, noise, delay, physics",
-        WorldConfig(
-            dynamics=DynamicsConfig(
-                mass=Range(0.8, 1.2), drag=Range(0.8, 1.2), stiffness=Range(0.8, 1.2)
-            ),
-            current=CurrentConfig(speed=Range(0.0, 0.04), wander=Range(0.0, 0.01)),
-            thrusters=ThrusterConfig(dead=Range(0.0, 0.25), gain=Range(0.8, 1.0)),
-            sensing=SensingConfig(
-                position=Range(0.0, 0.005),
-                angle=Range(0.0, 0.05),
-                dropped=Range(0.0, 0.01),
-                delay=Range(0.0, 1.0),
-                action_delay=Range(0.0, 1.0),
-            ),
+        current=CurrentConfig(speed=Range(0.0, 0.04), wander=Range(0.0, 0.01)),
+        thrusters=ThrusterConfig(dead=Range(0.0, 0.25), gain=Range(0.8, 1.0)),
+        sensing=SensingConfig(
+            position=Range(0.0, 0.005),
+            angle=Range(0.0, 0.05),
+            dropped=Range(0.0, 0.01),
+            delay=Range(0.0, 1.0),
+            action_delay=Range(0.0, 1.0),
         ),
     ),
 }
@@ -80,4 +67,11 @@ def world_config(name: str) -> WorldConfig:
     """
     if name not in WORLDS:
         raise InputError(f"unknown world {name!r}: choose one of {', '.join(WORLDS)}")
-    return replace(WORLDS[name][1], name=name)
+    return replace(WORLDS[name], name=name)
+
+
+def label(world: WorldConfig) -> str:
+    """The name of the preset, and what is otherwise than in it."""
+    changes = world.changes(WORLDS.get(world.name, WorldConfig()))
+    told = ", ".join(f"{path} {value}" for path, value in changes.items())
+    return f"{world.name} with {told}" if told else world.name

@@ -1,5 +1,6 @@
 import io
 import json
+from dataclasses import asdict
 
 import matplotlib.image
 import numpy as np
@@ -12,6 +13,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
 from salpchain.report.figures import learning_curves, over_seeds, zero_shot
 from salpchain.report.style import legend_below
+from salpchain.world.presets import world_config
 
 
 def log(seed=0, rollouts=30, shift=0.0):
@@ -206,6 +208,17 @@ def test_a_run_with_a_name_of_its_own_is_drawn_by_it(tmp_path, monkeypatch):
         (run / "config.json").write_text(json.dumps(content))
     learning_curves(runs, tmp_path / "x")
     assert drawn[:2] == ["mine (2 seeds)", "gcn mixed, 8 units"]
+
+
+def test_runs_in_different_worlds_are_told_apart_by_their_names(tmp_path, monkeypatch):
+    drawn = drawn_curves(monkeypatch)
+    runs = [make_run(tmp_path / name, 0) for name in ("still", "failing")]
+    for run in runs:
+        content = json.loads((run / "config.json").read_text())
+        content["config"]["world"] = asdict(world_config(run.name))
+        (run / "config.json").write_text(json.dumps(content))
+    learning_curves(runs, tmp_path / "x")
+    assert drawn[:2] == ["gcn mixed, 8 units, world still", "gcn mixed, 8 units, world failing"]
 
 
 def test_a_setting_that_a_run_of_before_lacks_tells_nothing_apart(tmp_path, monkeypatch):
