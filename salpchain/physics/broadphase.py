@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.batching import redo, where
-from salpchain.physics.contact import Pairs, contact_load, touching_distance
+from salpchain.physics.contact import Pairs, contact_load, every_contact_load, touching_distance
 from salpchain.physics.obstacles import Facing, distance_squared_beyond, every_load, obstacle_load
 from salpchain.physics.substeps import Load, Motion, Moved, Rig, run_substeps
 
@@ -64,14 +64,12 @@ def advance_differentiably(
     near = _flagged(*fixed, contact)
     assert near is not None
 
-    def with_contact() -> Moved:
-        every = _near_pairs(*fixed)
-        every = every._replace(lists=every.first.shape[0])
-        load = partial(contact_load, rig, every)
-        touched = run_substeps(rig, units, links, push, load, obstruction)
-        return where(near, touched, free, axis=-1)
-
-    return jax.lax.cond(near.any(), with_contact, lambda: free)
+    # Chains that touch nothing are constants here: what is not used has no derivative.
+    moving = units, links, push
+    units, links, push = where(near, moving, jax.lax.stop_gradient(moving), axis=-1)
+    load = partial(every_contact_load, rig, _near_pairs(*fixed))
+    touched = run_substeps(rig, units, links, push, load, obstruction)
+    return where(near, touched, free, axis=-1)
 
 
 def _flagged(rig: Rig, units: Motion, free: Moved, contact: bool) -> Bool[Array, " batch"] | None:

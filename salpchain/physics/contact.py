@@ -37,19 +37,35 @@ def contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
     """
     turn = _turn(units)
 
-    def load(some: Listed) -> Array:
-        boxes = some.offset, _at(turn, some.first), _at(turn, some.second)
-        force, first, second = _box_against_box(rig.physics, *boxes, some.never)
-        loads = jnp.stack([*force, first]), jnp.stack([*-force, second])
-        return _sum_for_units(some, units.angle, *(jnp.where(some.near, x, 0.0) for x in loads))
-
     def add(index: Array, total: Array) -> Array:
         some = _listed(rig, pairs, units, index)
-        return jax.lax.cond(some.near.any(), lambda: total + load(some), lambda: total)
+        return jax.lax.cond(
+            some.near.any(), lambda: total + _exerted(rig, some, turn), lambda: total
+        )
 
     nothing = jnp.zeros((3, *units.angle.shape))
     total = jax.lax.fori_loop(0, pairs.lists, add, nothing)
     return Load(total[:2], total[2])
+
+
+def every_contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
+    """`contact_load` of all lists, in operations that have derivatives of both modes."""
+    turn = _turn(units)
+
+    def add(total: Array, index: Array) -> tuple[Array, None]:
+        return total + _exerted(rig, _listed(rig, pairs, units, index), turn), None
+
+    nothing = jnp.zeros((3, *units.angle.shape))
+    total, _ = jax.lax.scan(add, nothing, jnp.arange(len(pairs.first)))
+    return Load(total[:2], total[2])
+
+
+def _exerted(rig: Any, some: "Listed", turn: Array) -> Float[Array, "3 unit batch"]:
+    """Force (N, x and y) and torque (N m) on each unit by its pairs in a list."""
+    boxes = some.offset, _at(turn, some.first), _at(turn, some.second)
+    force, first, second = _box_against_box(rig.physics, *boxes, some.never)
+    loads = jnp.stack([*force, first]), jnp.stack([*-force, second])
+    return _sum_for_units(some, turn[0], *(jnp.where(some.near, x, 0.0) for x in loads))
 
 
 class Listed(NamedTuple):

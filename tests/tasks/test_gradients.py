@@ -25,7 +25,8 @@ LENGTHS = (2, 7, 64)
 
 @functools.cache
 def start(length, **settings):
-    env = SCLD(TaskConfig(length=length, contact=False, fine_weight=0.5, **settings))
+    settings = {"contact": False, "fine_weight": 0.5, **settings}
+    env = SCLD(TaskConfig(length=length, **settings))
     return env, jax.jit(env.reset)(jr.key(0))
 
 
@@ -178,3 +179,14 @@ def test_a_batch_has_the_derivatives_of_each_chain():
     one = jax.jit(jax.grad(lambda action: env.step(state, action).reward))
     both = jax.jit(jax.vmap(one))(actions)
     np.testing.assert_allclose(both, np.stack([one(a) for a in actions]), rtol=1e-3, atol=1e-7)
+
+
+def test_a_sum_over_a_batch_with_contact_has_a_backward_derivative():
+    env, _ = start(3, contact=True)
+    states = jax.vmap(env.reset)(jr.split(jr.key(4), 3))
+
+    def total(actions):
+        return jax.vmap(env.step)(states, actions).reward.sum()
+
+    traced = jax.eval_shape(jax.grad(total), jnp.zeros((3, 3, 1)))
+    assert traced.shape == (3, 3, 1)
