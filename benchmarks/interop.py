@@ -29,7 +29,7 @@ from salpchain.files import write_json
 from salpchain.interop.batch import programs
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import FIXED_LIMIT, TaskConfig
+from salpchain.tasks.config import FIXED_LIMIT, TaskConfig
 
 ENVS, UNITS = 1024, 8
 STEPS, TURNS = 40, 9  # in a turn; turns

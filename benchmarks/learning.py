@@ -24,7 +24,7 @@ from salpchain.files import write_json
 from salpchain.networks.actor_critic import GraphActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.networks.layers import Head, Linear, head
-from salpchain.tasks.reach.config import OBSERVATION_SIZES
+from salpchain.tasks.config import OBSERVATION_SIZES
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import compile_iterate, new_learner, place

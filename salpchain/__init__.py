@@ -16,7 +16,7 @@ _PUBLIC = {
     "Physics": "salpchain.physics.state",
     "SCLD": "salpchain.tasks.reach.task",
     "State": "salpchain.tasks.state",
-    "TaskConfig": "salpchain.tasks.reach.config",
+    "TaskConfig": "salpchain.tasks.config",
     "Greedy": "salpchain.controllers.greedy",
     "Approach": "salpchain.controllers.approach",
     "MPC": "salpchain.controllers.mpc",
@@ -61,7 +61,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.physics.state import Bodies as Bodies
     from salpchain.physics.state import Chain as Chain
     from salpchain.physics.state import Physics as Physics
-    from salpchain.tasks.reach.config import TaskConfig as TaskConfig
+    from salpchain.tasks.config import TaskConfig as TaskConfig
     from salpchain.tasks.reach.task import SCLD as SCLD
     from salpchain.tasks.state import State as State
     from salpchain.training.config import Mix as Mix

@@ -18,7 +18,7 @@ from salpchain.cli.main import COMMANDS, run
 from salpchain.cli.train import Train, settings
 from salpchain.controllers.named import is_name
 from salpchain.evaluation.config import parse_lengths
-from salpchain.tasks.reach.config import TIME_LIMITS
+from salpchain.tasks.config import TIME_LIMITS
 from tests.documents import (
     LANGUAGES,
     PAGES,

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal, get_args, get_type_hints
 
 import tyro
 
+from salpchain.checks import one_of
 from salpchain.cli.options import text_option
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import one_of
 
 # In tyro's scripts, where nothing of ours fits: names of files.
 FILES = '"$completions" == "__TYRO_COMPLETE_FILES__"'

@@ -7,13 +7,14 @@ from typing import Annotated, Any
 
 import tyro
 
+from salpchain.checks import check_seed, one_of
 from salpchain.cli.options import Flag, Folder, Lengths, Whole, World, number, positive, text_option
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.files import make_writable
-from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
+from salpchain.tasks.config import TIME_LIMITS
 from salpchain.world.presets import world_config
 
 

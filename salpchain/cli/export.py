@@ -6,12 +6,12 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.checks import one_of
 from salpchain.cli.options import Flag, Name, text_option
 from salpchain.cli.outputs import write_new
 from salpchain.errors import InputError
 from salpchain.files import writing
 from salpchain.interop import FORMATS
-from salpchain.tasks.reach.config import one_of
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.checks import one_of
 from salpchain.cli.options import Flag, text_option
 from salpchain.cli.outputs import write_new
 from salpchain.errors import InputError
 from salpchain.files import writing
-from salpchain.tasks.reach.config import one_of
 
 KINDS = ("learning", "zero-shot")
 SUFFIXES = (".png", ".pdf")

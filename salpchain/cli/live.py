@@ -7,12 +7,12 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.checks import check_seed
 from salpchain.cli.options import Folder, Whole, number, text_option
 from salpchain.controllers.named import check_live, check_there, is_name
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
 from salpchain.installation import install_command
-from salpchain.tasks.reach.config import check_seed
 
 POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
 LOOPBACK = ("127.0.0.1", "localhost", "::1")

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.checks import check_length, one_of
 from salpchain.cli.options import Flag, Name, Whole, number, text_option
 from salpchain.controllers.named import WRITTEN
 from salpchain.controllers.released import model_card, released
 from salpchain.errors import InputError
 from salpchain.networks.config import MODELS
-from salpchain.tasks.reach.config import OBSERVATION_SIZES, check_length, one_of
+from salpchain.tasks.config import OBSERVATION_SIZES
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from salpchain.checks import check_seed, one_of
 from salpchain.cli.options import number, text_option
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_there, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.report.labels import labels
-from salpchain.tasks.reach.config import TIME_LIMITS, check_seed, one_of
+from salpchain.tasks.config import TIME_LIMITS
 from salpchain.world.presets import world_config
 
 if TYPE_CHECKING:

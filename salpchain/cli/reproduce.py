@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from salpchain.archive import restore
+from salpchain.checks import one_of
 from salpchain.cli.options import (
     Flag,
     Folder,
@@ -25,7 +26,6 @@ from salpchain.evaluation.config import parse_lengths
 from salpchain.files import alone
 from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
 from salpchain.paper.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
-from salpchain.tasks.reach.config import one_of
 
 if TYPE_CHECKING:
     from salpchain.experiments.sweep import Executor

@@ -6,13 +6,13 @@ from typing import Annotated
 
 import tyro
 
+from salpchain.checks import check_length
 from salpchain.cli.options import Flag, Whole, World, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.controllers.named import load
 from salpchain.errors import InputError
 from salpchain.files import writing
-from salpchain.tasks.reach.config import check_length
 
 
 @dataclass(frozen=True)

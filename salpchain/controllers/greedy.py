@@ -8,7 +8,7 @@ from salpchain.controllers.policy import PolicyCard
 from salpchain.physics.state import heading
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
-from salpchain.tasks.reach.config import ACTION_SIZES
+from salpchain.tasks.config import ACTION_SIZES
 from salpchain.tasks.state import State
 
 PULL = 5.0  # N per metre of error along the heading

@@ -25,7 +25,7 @@ from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State

@@ -7,6 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from salpchain.checks import check_kinds, check_length, one_of, set_field
 from salpchain.controllers.named import check_printable
 from salpchain.errors import InputError
 from salpchain.given import told, whole
@@ -16,16 +17,7 @@ from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.starting import check_can_compute
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
-from salpchain.tasks.reach.config import (
-    ACTION_SIZES,
-    OBSERVATION_SIZES,
-    PLAYED_LIMIT,
-    TaskConfig,
-    check_kinds,
-    check_length,
-    one_of,
-    set_field,
-)
+from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES, PLAYED_LIMIT, TaskConfig
 from salpchain.tasks.state import State
 
 

@@ -18,7 +18,7 @@ from salpchain.given import flag, told
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.starting import check_can_compute
-from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"

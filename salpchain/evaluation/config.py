@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from salpchain.checks import LONGEST, check_length
 from salpchain.errors import InputError
 from salpchain.given import index, several
-from salpchain.tasks.reach.config import LONGEST, check_length
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"

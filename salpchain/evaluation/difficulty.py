@@ -4,9 +4,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from salpchain.checks import LONGEST
 from salpchain.evaluation.limits import fewest_steps, reachable, steps_to_turn
 from salpchain.physics.state import Chain, wrap
-from salpchain.tasks.reach.config import LONGEST, STEPS_PER_UNIT
+from salpchain.tasks.config import STEPS_PER_UNIT
 from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
 

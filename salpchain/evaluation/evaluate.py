@@ -12,6 +12,7 @@ from rich.box import SIMPLE_HEAD
 from rich.markup import escape
 from rich.table import Table
 
+from salpchain.checks import check_seed, one_of
 from salpchain.controllers import named
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.identity import identity
@@ -25,7 +26,7 @@ from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
-from salpchain.tasks.reach.config import PLAYED_LIMIT, TIME_LIMITS, check_seed, one_of, step_limit
+from salpchain.tasks.config import PLAYED_LIMIT, TIME_LIMITS, step_limit
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import as_config, label
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
 
+from salpchain.checks import check_seed
 from salpchain.controllers import named
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, act, begin
@@ -22,7 +23,7 @@ from salpchain.physics.batching import where
 from salpchain.physics.state import Bodies
 from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.config import PLAYED_LIMIT, check_seed, step_limit
+from salpchain.tasks.config import PLAYED_LIMIT, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.world.config import WorldConfig

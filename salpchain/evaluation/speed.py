@@ -17,7 +17,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 
 from salpchain.devices import AXIS, mesh_of
 from salpchain.physics.chain import step
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.tasks.task import renew_done

@@ -8,7 +8,7 @@ import numpy as np
 from salpchain.evaluation.limits import centroid_slack, distance_covered
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.physics.state import Physics
-from salpchain.tasks.reach.config import STEPS_PER_UNIT, step_limit
+from salpchain.tasks.config import STEPS_PER_UNIT, step_limit
 
 SHOWN = 0.9995  # a closed fraction of at least this is shown as 100.0 %
 

@@ -13,9 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from salpchain import given
+from salpchain.checks import check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.files import StrPath, write_bytes
-from salpchain.tasks.reach.config import TIME_LIMITS, check_kinds, check_length, check_seed, one_of
+from salpchain.tasks.config import TIME_LIMITS
 
 FORMAT = 1
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)

@@ -14,6 +14,7 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
 
+from salpchain.checks import check_length, check_seed
 from salpchain.controllers.policy import Controller, Planner, act, begin
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.errors import InputError
@@ -24,13 +25,7 @@ from salpchain.evaluation.progress import compiling
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.batching import where
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.config import (
-    GOAL_LIMIT,
-    TaskConfig,
-    check_length,
-    check_seed,
-    step_limit,
-)
+from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.world.randomise import WorldLike, as_world

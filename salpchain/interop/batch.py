@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from salpchain.errors import InputError
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
 from salpchain.starting import check_can_compute
-from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.tasks.task import renew_done

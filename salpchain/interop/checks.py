@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from salpchain.checks import check_seed, one_of
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import PLAYED_LIMIT, TaskConfig, check_seed, one_of
+from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig
 
 MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
 

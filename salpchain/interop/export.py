@@ -5,6 +5,7 @@ from importlib import import_module
 import jax
 import numpy as np
 
+from salpchain.checks import one_of
 from salpchain.controllers import named
 from salpchain.controllers.policy import Controller, Policy
 from salpchain.controllers.storage import network_shapes
@@ -14,7 +15,6 @@ from salpchain.given import path as checked_path
 from salpchain.given import told
 from salpchain.interop import FORMATS
 from salpchain.interop.metadata import metadata
-from salpchain.tasks.reach.config import one_of
 from salpchain.trees import to_arrays
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from salpchain.checks import one_of
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch, Outcome, Seeds
 from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
-from salpchain.tasks.reach.config import one_of
 
 need("gymnasium", "gymnasium")
 

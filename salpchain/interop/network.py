@@ -13,7 +13,7 @@ from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.given import path as checked_path
 from salpchain.interop.extras import need
 from salpchain.networks.config import PAPER_DEPTH, REACH
-from salpchain.tasks.reach.config import OBSERVATION_SIZES
+from salpchain.tasks.config import OBSERVATION_SIZES
 
 need("torch", "torch")
 

@@ -11,7 +11,7 @@ from salpchain.networks.actor_critic import GraphActorCritic
 from salpchain.networks.gt import GT
 from salpchain.networks.layers import Layers
 from salpchain.networks.mlp import MLP
-from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES
 
 onnx = need("onnx", "onnx")
 

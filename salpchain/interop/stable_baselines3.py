@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from salpchain.checks import one_of
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch
 from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Screen
 from salpchain.interop.extras import need
-from salpchain.tasks.reach.config import one_of
 
 need("stable_baselines3", "stable-baselines3")
 

@@ -16,7 +16,7 @@ from salpchain.files import StrPath
 from salpchain.given import told
 from salpchain.interop.checks import task_of
 from salpchain.starting import check_can_compute
-from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
 
 Steer = Callable[[np.ndarray], np.ndarray]
 

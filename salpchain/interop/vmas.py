@@ -20,7 +20,7 @@ from salpchain.interop.torch_task import (
     target_pose,
 )
 from salpchain.physics.state import Physics
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.targets import LINK, SPAWN
 from salpchain.tasks.task import FENCE_PER_UNIT
 

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from salpchain.checks import check_kinds, one_of
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import check_kinds, one_of
 
 MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
 SINGLE_LENGTH = ("mlp",)  # models that work at their training length only

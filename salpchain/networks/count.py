@@ -6,7 +6,7 @@ import jax.random as jr
 
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import ACTION_SIZES
+from salpchain.tasks.config import ACTION_SIZES
 
 
 def num_parameters(model: str, inputs: int, length: int) -> int:

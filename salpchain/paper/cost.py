@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from salpchain.evaluation.config import SLOTS
 from salpchain.machine import cores, jobs_that_fit
 from salpchain.paper.grid import Grid, Job
-from salpchain.tasks.reach.config import step_limit
+from salpchain.tasks.config import step_limit
 
 # Microseconds of one core for each unit (from trainings at 8 and 16 units, one on each of the two
 # cores of an AMD EPYC 9005; rough elsewhere): one control step, and one forward pass of a network.

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from salpchain.checks import check_length, one_of
 from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json
 from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
-from salpchain.tasks.reach.config import TIME_LIMITS, check_length, one_of
+from salpchain.tasks.config import TIME_LIMITS
 from salpchain.training.config import TrainConfig
 from salpchain.training.presets import PRESETS, choose
 from salpchain.training.settings import laid_over, typed

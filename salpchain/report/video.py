@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
+from salpchain.checks import check_kinds
 from salpchain.errors import InputError
 from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_bytes
@@ -18,7 +19,6 @@ from salpchain.report.canvas import Canvas
 from salpchain.report.scene import DONE, INK, SHINE, Box, Scene, water
 from salpchain.report.shapes import place_colours
 from salpchain.report.strip import strip
-from salpchain.tasks.reach.config import check_kinds
 
 SUFFIXES = (".mp4", ".gif", ".png")
 SMALLEST, LARGEST = 64, 4096  # pixels, of a side of a video

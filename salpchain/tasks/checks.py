@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from salpchain.checks import SHORTEST
 from salpchain.errors import InputError
 from salpchain.given import index, instance, told
 from salpchain.physics.state import Chain
-from salpchain.tasks.reach.config import SHORTEST
 
 
 def check_key(key: Any, function: str = "reset") -> None:

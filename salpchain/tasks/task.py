@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from salpchain.checks import LONGEST
 from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
 from salpchain.given import function, instance
@@ -30,15 +31,14 @@ from salpchain.tasks.checks import (
     checked_action,
     checked_vectors,
 )
-from salpchain.tasks.observations import observe
-from salpchain.tasks.reach.config import (
+from salpchain.tasks.config import (
     ACTION_SIZES,
     FIXED_LIMIT,
-    LONGEST,
     OBSERVATION_SIZES,
     STEPS_PER_UNIT,
     TaskConfig,
 )
+from salpchain.tasks.observations import observe
 from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
 from salpchain.world.randomise import as_world, draw_world

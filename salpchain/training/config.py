@@ -2,17 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from salpchain.checks import check_kinds, check_length, check_seed, one_of, set_field
 from salpchain.controllers.named import check_name
 from salpchain.errors import InputError
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
-from salpchain.tasks.reach.config import (
-    TaskConfig,
-    check_kinds,
-    check_length,
-    check_seed,
-    one_of,
-    set_field,
-)
+from salpchain.tasks.config import TaskConfig
 from salpchain.world.config import WorldConfig
 
 MOST_STEPS = 10**10  # of a run: gradient steps are counted in 32 bits

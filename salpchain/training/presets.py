@@ -3,9 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
+from salpchain.checks import one_of
 from salpchain.errors import InputError
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
-from salpchain.tasks.reach.config import TaskConfig, one_of
+from salpchain.tasks.config import TaskConfig
 from salpchain.training.config import Mix, PPOConfig, TrainConfig
 
 PAPER_EPISODES = 60_000  # Table 2

@@ -14,9 +14,9 @@ from typing import Any, get_type_hints
 
 from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_text
+from salpchain.ranges import Range, as_range
 from salpchain.training.config import TrainConfig
 from salpchain.training.settings import changed, part_of
-from salpchain.world.config import Range, as_range
 
 CONFIG_FILE = "config.json"
 METRICS_FILE = "metrics.csv"

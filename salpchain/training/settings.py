@@ -10,14 +10,15 @@ from dataclasses import is_dataclass, replace
 from operator import attrgetter
 from typing import Any, get_type_hints
 
+from salpchain.checks import KINDS, check_length, is_kind, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import Lengths, as_lengths, parse_lengths
 from salpchain.given import instance, told
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
-from salpchain.tasks.reach.config import KINDS, TaskConfig, check_length, is_kind, one_of
+from salpchain.ranges import Range, as_range
+from salpchain.tasks.config import TaskConfig
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
-from salpchain.world.config import Range, as_range
 from salpchain.world.presets import world_config
 
 ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}

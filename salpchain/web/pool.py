@@ -16,7 +16,7 @@ from salpchain.controllers.policy import Controller
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.chain import step
 from salpchain.physics.state import Bodies, Chain, Physics, heading
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from salpchain.checks import SHORTEST
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import SHORTEST
 from salpchain.tasks.reach.targets import LINK
 
 X, Y, ANGLE, VX, VY, SPIN = range(6)  # columns of bodies

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
+from salpchain.checks import check_length
 from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import check_length
 from salpchain.web import swimmer
 from salpchain.web.drawing import nearer_way_round, random_target, resampled
 from salpchain.web.pool import CHAINS, SLOTS, Packed, Pool, empty, slots_for

@@ -5,53 +5,13 @@ Imports nothing heavy: the command line's help reads these classes.
 
 from dataclasses import dataclass, field, fields, replace
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any
 
 from salpchain.errors import InputError
-
-
-class Range(NamedTuple):
-    """The ends between which a number is drawn uniformly for each episode; equal ends fix it."""
-
-    low: float
-    high: float
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether every episode has the same number."""
-        return self.low == self.high
-
-    def __str__(self) -> str:
-        return f"{self.low:g}" if self.is_fixed else f"{self.low:g}:{self.high:g}"
-
+from salpchain.ranges import Range, as_range
 
 NONE, ONE, FIVE, TEN = (Range(x, x) for x in (0.0, 1.0, 5.0, 10.0))
 CORE = Range(0.2, 0.5)
-
-
-def as_range(value: object) -> Range:
-    """A number, two numbers, or text such as `0.05` or `0:0.08`, as a range.
-
-    Raises:
-        InputError: anything else, or a first number above the second.
-    """
-    try:
-        ends = [float(part) for part in _parts(value)]
-    except (TypeError, ValueError):
-        ends = []
-    if not 1 <= len(ends) <= 2 or not all(map(isfinite, ends)):
-        raise InputError(f"must be a finite number or a range such as 0:0.08, got {value!r}")
-    if ends[0] > ends[-1]:
-        raise InputError(f"must have the lower end first, {ends[1]:g}:{ends[0]:g}, got {value!r}")
-    return Range(ends[0], ends[-1])
-
-
-def _parts(value: object) -> list[Any]:
-    if isinstance(value, str):
-        return value.split(":")
-    if isinstance(value, bool):
-        raise TypeError
-    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def _check(config: Any, name: str, low: float = 0.0, high: float = float("inf")) -> None:

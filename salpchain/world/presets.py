@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from salpchain.errors import InputError
 from salpchain.given import told
+from salpchain.ranges import Range
 from salpchain.world.config import (
     CurrentConfig,
     DynamicsConfig,
-    Range,
     SensingConfig,
     ThrusterConfig,
     WorldConfig,

@@ -11,10 +11,10 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from salpchain.given import instance
 from salpchain.physics.state import Physics, Scalar
+from salpchain.ranges import Range
 from salpchain.world.config import (
     CurrentConfig,
     DynamicsConfig,
-    Range,
     SensingConfig,
     ThrusterConfig,
     WorldConfig,

@@ -30,7 +30,7 @@ from salpchain.evaluation.evaluate import evaluate
 from salpchain.files import make_writable, read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
 from salpchain.report.style import STYLE
-from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
 from studies import (

@@ -20,7 +20,7 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.files import write_text
-from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.training.presets import TIGHT
 from studies import REPORT_FILE, add_part, claim, program, results_of
 

@@ -26,7 +26,7 @@ from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.state import Physics, at_rest
-from salpchain.tasks.reach.config import TaskConfig, step_limit
+from salpchain.tasks.config import TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from studies import REPORT_FILE, RESULTS, add_part, claim, program, results_of

@@ -19,7 +19,7 @@ from salpchain.controllers.storage import save_policy
 from salpchain.installation import install_command
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import OBSERVATION_SIZES
+from salpchain.tasks.config import OBSERVATION_SIZES
 from salpchain.training.config import Mix
 from salpchain.training.presets import QUICK_STEPS, QUICK_STEPS_OF, choose
 from salpchain.training.run_folder import create

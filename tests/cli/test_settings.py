@@ -10,10 +10,10 @@ import salpchain
 from salpchain.cli.main import run
 from salpchain.cli.train import Train, settings
 from salpchain.errors import InputError
+from salpchain.ranges import Range
 from salpchain.training.config import TrainConfig
 from salpchain.training.run_folder import create, read_config
 from salpchain.training.settings import SETTINGS, changed, flat, overlay
-from salpchain.world.config import Range
 
 # Another value than quick's of every setting, what else it needs, and one that cannot be.
 VALUES = {

@@ -13,7 +13,7 @@ from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.policy import Controller
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=9))

@@ -13,7 +13,7 @@ from salpchain.controllers.mpc import MPC
 from salpchain.controllers.policy import Planner, act, begin
 from salpchain.controllers.storage import load
 from salpchain.evaluation.trials import run_trials
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 SMALL = MPC(samples=32, elites=4, rounds=2, knots=6, every=5)

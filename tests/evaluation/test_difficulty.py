@@ -5,7 +5,7 @@ import pytest
 
 from salpchain.evaluation.difficulty import start_of
 from salpchain.evaluation.limits import angle_turned
-from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig
+from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
 from salpchain.tasks.reach.targets import LINK
 from salpchain.tasks.reach.task import SCLD
 

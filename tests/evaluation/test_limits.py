@@ -19,7 +19,7 @@ from salpchain.evaluation.limits import (
 )
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest, heading
-from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.tasks.reach.reward import reached
 from tests.physics.poses import LINK, along, bent
 

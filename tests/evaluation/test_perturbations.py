@@ -10,7 +10,7 @@ from salpchain.evaluation.perturbations import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=4, contact=False))

@@ -17,7 +17,7 @@ from salpchain.evaluation.difficulty import start_of
 from salpchain.evaluation.too_short import of_summary, of_swims, reachable_in
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.interop.checks import task_of
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from tests.report.swims import made
 
 

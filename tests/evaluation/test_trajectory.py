@@ -11,7 +11,7 @@ import pytest
 from salpchain import InputError, Trajectory, identity, record
 from salpchain.controllers.greedy import Greedy
 from salpchain.evaluation.trials import start_keys
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from tests.report.swims import swim
 

@@ -17,7 +17,7 @@ from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.progress import telling
 from salpchain.evaluation.recording import record
 from salpchain.evaluation.trials import _remember, play, run_limits, run_trials, start_keys
-from salpchain.tasks.reach.config import ACTION_SIZES
+from salpchain.tasks.config import ACTION_SIZES
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16

@@ -6,7 +6,7 @@ import jax.random as jr
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES
 
 
 def fresh(model="gcn", graph="mixed", observation="body", action="thrust", length=8, **settings):

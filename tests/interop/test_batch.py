@@ -11,7 +11,7 @@ import pytest
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch
 from salpchain.interop.checks import task_of
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 
 CONFIG = TaskConfig(length=2, contact=False)
 ENVS = 4
@@ -161,7 +161,7 @@ def test_it_steps_in_double_precision_too():
     """In a process of its own: the precision belongs to all of JAX."""
     code = (
         "import jax, numpy as np; jax.config.update('jax_enable_x64', True)\n"
-        "from salpchain.tasks.reach.config import TaskConfig\n"
+        "from salpchain.tasks.config import TaskConfig\n"
         "from salpchain.interop.batch import Batch\n"
         "batch = Batch(TaskConfig(length=2, contact=False), 2); batch.reset(0)\n"
         "outcome = batch.step(np.ones((2, 2, 1), np.float32))\n"

@@ -10,7 +10,7 @@ import pytest
 
 from salpchain.errors import InputError
 from salpchain.interop.brax import SalpBraxEnv, wrap
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 TASK = {"length": 2, "contact": False, "fine_weight": 0.5}

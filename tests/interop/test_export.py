@@ -22,9 +22,9 @@ from salpchain.errors import InputError
 from salpchain.interop import FORMATS
 from salpchain.interop.export import export
 from salpchain.interop.network import load_torch
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import LAYOUTS
 from salpchain.tasks.observations import observe
-from salpchain.tasks.reach.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from tests.interop.policies import fresh
 from tests.interop.test_onnx import KINDS, actions, observed

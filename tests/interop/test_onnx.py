@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 
 from salpchain.interop.onnx import export_onnx
+from salpchain.tasks.config import OBSERVATION_SIZES
 from salpchain.tasks.features import LAYOUTS
-from salpchain.tasks.reach.config import OBSERVATION_SIZES
 from tests.interop.policies import fresh
 
 GRAPHS = ("mixed", "full", "near", "hub")

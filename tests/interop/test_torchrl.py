@@ -12,7 +12,7 @@ from salpchain.errors import InputError
 from salpchain.interop.gymnasium import SalpVectorEnv
 from salpchain.interop.torch import as_tensors, to_jax, to_torch
 from salpchain.interop.torchrl import SalpTorchEnv
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 torch.set_num_threads(1)

@@ -15,8 +15,8 @@ from salpchain.errors import InputError
 from salpchain.interop import torch_task
 from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
 from salpchain.physics.state import Bodies, Chain
+from salpchain.tasks.config import OBSERVATION_SIZES
 from salpchain.tasks.observations import observe
-from salpchain.tasks.reach.config import OBSERVATION_SIZES
 from salpchain.tasks.reach.frechet import frechet_distance
 from salpchain.tasks.reach.reward import distances, reached, reward_terms
 from salpchain.tasks.reach.task import SCLD

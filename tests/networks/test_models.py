@@ -15,7 +15,7 @@ from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import GRAPH_NAMES, ControlConfig
 from salpchain.networks.count import num_parameters
 from salpchain.networks.graph import full, hub, mixed, near, of_adjacency
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.xla import flat_products
 

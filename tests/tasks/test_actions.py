@@ -10,7 +10,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 
 ENV = SCLD(TaskConfig(length=4, observation="proximity"))

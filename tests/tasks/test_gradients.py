@@ -16,7 +16,7 @@ import pytest
 from salpchain.controllers.named import load
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
-from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import in_double_precision, lively, thrusts
 

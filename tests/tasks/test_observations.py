@@ -7,8 +7,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
+from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.tasks.observations import observe
-from salpchain.tasks.reach.config import OBSERVATION_SIZES, TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import along, resting
 

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.training.config import PPOConfig, TrainConfig
 
 

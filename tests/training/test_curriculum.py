@@ -13,7 +13,7 @@ from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.task import renew_done
 from salpchain.training.config import Mix, PPOConfig

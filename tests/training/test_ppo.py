@@ -9,7 +9,7 @@ import scipy.stats
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig
+from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
 from salpchain.tasks.reach.reward import own_progress
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import Mix, PPOConfig

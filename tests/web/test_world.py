@@ -12,7 +12,7 @@ from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.physics.state import at_rest
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.web import swimmer
 from salpchain.web.drawing import SHARPEST, nearer_way_round, random_target, resampled

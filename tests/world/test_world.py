@@ -10,10 +10,11 @@ import salpchain
 from salpchain.evaluation.limits import _sum_of_sums
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
-from salpchain.tasks.reach.config import TaskConfig
+from salpchain.ranges import Range
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.state import Judgement, Start
 from salpchain.tasks.task import Task
-from salpchain.world.config import CurrentConfig, Range, SensingConfig, ThrusterConfig, WorldConfig
+from salpchain.world.config import CurrentConfig, SensingConfig, ThrusterConfig, WorldConfig
 from salpchain.world.current import Shear, Sum, Uniform, Vortex, Wandering
 from salpchain.world.obstacles import make_obstacles
 from salpchain.world.presets import WORLDS

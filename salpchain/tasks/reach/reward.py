@@ -6,7 +6,7 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.physics.derivatives import root
 from salpchain.physics.state import Chain
-from salpchain.tasks.reach.config import GOAL_LIMIT
+from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.tasks.reach.frechet import within_frechet
 
 FINE_SCALE = 0.05  # m, below which the shaping term tells distances apart (chosen)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from salpchain.errors import InputError
-from salpchain.tasks.reach.config import GOAL_LIMIT, TaskConfig, step_limit
+from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.task import renew_done
 
