@@ -24,7 +24,7 @@ from salpchain.files import write_json
 from salpchain.networks.actor_critic import GraphActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.networks.layers import Head, Linear, head
-from salpchain.tasks.config import OBSERVATION_SIZES
+from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import compile_iterate, new_learner, place
@@ -35,7 +35,7 @@ ORIGINAL = 50.0  # chain-steps/s of the original study's trainer on such a machi
 GRAPH_MODELS = ("gcn", "gatv2", "gt")
 SECONDS = 10.0  # at least, of iterations that are timed
 UNITS, CHAINS, PAIRS = 16, 128, 30  # of a comparison
-INPUTS, ACTIONS = OBSERVATION_SIZES["table1"], 2
+INPUTS, ACTIONS = observation_size("table1"), 2
 
 
 def iterations(config: TrainConfig, devices: int) -> float:

@@ -13,7 +13,7 @@ ROOMS += ["interop", "web", "paper", "experiments", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"archive", "compilation_cache", "devices", "errors", "files", "installation"}
 GROUND |= {"machine", "trees"}
-GROUND |= {"checks", "forks", "given", "ranges", "starting", "switches", "xla"}
+GROUND |= {"checks", "forks", "given", "plugins", "ranges", "starting", "switches", "xla"}
 FILES = sorted(PACKAGE.rglob("*.py"))
 OPTIONAL = {"torch", "vmas", "gymnasium", "pettingzoo", "stable_baselines3", "brax", "flax"}
 OPTIONAL |= {"torchrl", "tensordict", "benchmarl", "onnx", "onnxruntime", "ray", "starlette"}

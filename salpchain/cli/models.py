@@ -6,13 +6,13 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.checks import check_length, one_of
+from salpchain.checks import check_length
 from salpchain.cli.options import Flag, Name, Whole, number, text_option
 from salpchain.controllers.named import WRITTEN
 from salpchain.controllers.released import model_card, released
 from salpchain.errors import InputError
 from salpchain.networks.config import MODELS
-from salpchain.tasks.config import OBSERVATION_SIZES
+from salpchain.tasks.features import check_observation, observation_size
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ def run(options: Models) -> None:
         return
     length = check_length(number("length", options.length or "8"))
     observation = options.observation or "table1"
-    one_of("observation", observation, OBSERVATION_SIZES)
+    check_observation(observation)
     from salpchain.networks.count import num_parameters
 
-    inputs = OBSERVATION_SIZES[observation]
+    inputs = observation_size(observation)
     counts = {model: num_parameters(model, inputs, length) for model in MODELS}
     if options.json:
         print(_as_json(observation, length, counts))

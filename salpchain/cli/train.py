@@ -64,7 +64,9 @@ class Train:
     observation: Name = ""
     """body (a unit's own view; quick on one length), table1 (the paper's 24 numbers; paper),
     proximity (body and the nearest unit that is no neighbour; quick on several lengths), anonymous
-    (proximity without the place in the chain) or metric (proximity with what is far in metres)."""
+    (proximity without the place in the chain), metric (proximity with what is far in metres),
+    around (proximity, the water, the nearest surface, the own thruster) or one of your own,
+    module:NAME."""
     world: Name = ""
     """Where it trains: still (the paper's; default), or a world drawn anew for each episode:
     current, vortex, failing, noisy or rough (docs/world.md)."""

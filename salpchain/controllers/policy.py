@@ -17,7 +17,8 @@ from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.starting import check_can_compute
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
-from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES, PLAYED_LIMIT, TaskConfig
+from salpchain.tasks.config import ACTION_SIZES, PLAYED_LIMIT, TaskConfig
+from salpchain.tasks.features import check_observation, observation_size
 from salpchain.tasks.state import State
 
 
@@ -39,7 +40,7 @@ class PolicyCard:
     world: str = "still"  # in which it was trained
 
     def __post_init__(self) -> None:
-        one_of("observation", self.observation, OBSERVATION_SIZES)
+        check_observation(self.observation)
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
         check_printable(self.name)
@@ -137,7 +138,7 @@ class Policy(eqx.Module):
         """
         check_can_compute()
         check_state(state, "act")
-        if state.obs.shape[-1] != OBSERVATION_SIZES[self.card.observation]:
+        if state.obs.shape[-1] != observation_size(self.card.observation):
             raise InputError(
                 f"{self.card.name} observes {self.card.observation}, the state has"
                 f" {state.obs.shape[-1]} numbers for each unit: make it with card.task(length)"

@@ -17,6 +17,7 @@ from salpchain.files import StrPath
 from salpchain.given import told
 from salpchain.physics.state import Bodies, at_rest
 from salpchain.starting import check_can_compute
+from salpchain.tasks.features import senses
 from salpchain.tasks.reach.task import SCLD
 
 Poses = dict[str, np.ndarray]
@@ -104,6 +105,12 @@ def steering(controller: Controller | StrPath, length: int) -> Steering:
         raise InputError(
             f"{controller.card.name} plans on the simulation and remembers: it cannot be steered"
             " by poses; take a policy, greedy or approach"
+        )
+    needed = senses(controller.card.observation)
+    if needed:
+        raise InputError(
+            f"{controller.card.name} observes {controller.card.observation}, which senses"
+            f" {', '.join(needed)}: poses do not tell it; take a policy that observes less"
         )
     return Steering(controller, SCLD(controller.card.task(length)))
 

@@ -18,7 +18,8 @@ from salpchain.given import flag, told
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.starting import check_can_compute
-from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.tasks.config import ACTION_SIZES
+from salpchain.tasks.features import observation_size
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "policy"
@@ -82,7 +83,7 @@ def _meant() -> str:
 
 def network_shapes(card: PolicyCard) -> ActorCritic:
     """The network of such a policy with shapes for arrays."""
-    sizes = OBSERVATION_SIZES[card.observation], ACTION_SIZES[card.action]
+    sizes = observation_size(card.observation), ACTION_SIZES[card.action]
     return eqx.filter_eval_shape(actor_critic, jr.key(0), card.control, *sizes, card.length)
 
 

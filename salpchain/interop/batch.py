@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from salpchain.errors import InputError
 from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
 from salpchain.starting import check_can_compute
-from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import ACTION_SIZES, TaskConfig
+from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.tasks.task import renew_done
@@ -146,7 +147,7 @@ class Batch:
     @property
     def observation_shape(self) -> tuple[int, int]:
         """(unit, feature), of one chain."""
-        return self.config.length, OBSERVATION_SIZES[self.config.observation]
+        return self.config.length, observation_size(self.config.observation)
 
     @property
     def action_shape(self) -> tuple[int, int]:

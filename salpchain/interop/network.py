@@ -13,7 +13,7 @@ from salpchain.files import StrPath, read_arrays, write_arrays
 from salpchain.given import path as checked_path
 from salpchain.interop.extras import need
 from salpchain.networks.config import PAPER_DEPTH, REACH
-from salpchain.tasks.config import OBSERVATION_SIZES
+from salpchain.tasks.features import observation_size
 
 need("torch", "torch")
 
@@ -70,7 +70,7 @@ class TorchPolicy(nn.Module):
 
     def _check_shape(self, obs: Tensor) -> None:
         units = self.about["serves_units"]
-        features = OBSERVATION_SIZES[self.about["observation"]]
+        features = observation_size(self.about["observation"])
         fits = obs.ndim >= 2 and obs.shape[-1] == features
         if not fits or units not in ("any", str(obs.shape[-2])):
             raise InputError(

@@ -11,7 +11,8 @@ from salpchain.networks.actor_critic import GraphActorCritic
 from salpchain.networks.gt import GT
 from salpchain.networks.layers import Layers
 from salpchain.networks.mlp import MLP
-from salpchain.tasks.config import ACTION_SIZES, OBSERVATION_SIZES
+from salpchain.tasks.config import ACTION_SIZES
+from salpchain.tasks.features import observation_size
 
 onnx = need("onnx", "onnx")
 
@@ -43,7 +44,7 @@ def model_of(policy: Policy) -> Any:
     action = build.op("Clip", mean, -1.0, 1.0, name="action")
     _thrust(build, action, card.action)
     shapes = {
-        "observation": ("batch", units, OBSERVATION_SIZES[card.observation]),
+        "observation": ("batch", units, observation_size(card.observation)),
         "action": ("batch", units, ACTION_SIZES[card.action]),
         "thrust": ("batch", units),
     }
@@ -65,7 +66,7 @@ def _mean(build: Builder, network: Any, card: PolicyCard) -> str:
     """The mean action, before clipping."""
     x = "observation"
     if isinstance(network, MLP):
-        row = build.op("Reshape", x, [0, card.length * OBSERVATION_SIZES[card.observation]])
+        row = build.op("Reshape", x, [0, card.length * observation_size(card.observation)])
         shape = [0, card.length, ACTION_SIZES[card.action]]
         return build.op("Reshape", build.head(network.actor, row), shape)
     assert isinstance(network, GraphActorCritic)

@@ -16,7 +16,8 @@ from salpchain.files import StrPath
 from salpchain.given import told
 from salpchain.interop.checks import task_of
 from salpchain.starting import check_can_compute
-from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.features import observation_size
 
 Steer = Callable[[np.ndarray], np.ndarray]
 
@@ -38,7 +39,7 @@ def steering(policy: Controller | StrPath, **task: Any) -> Steer:
         raise InputError(f"steering takes a learned policy, such as any-length, got {told(policy)}")
     config = task_of(task)
     _check_fits(learned.card, config)
-    slots, features = config.length, OBSERVATION_SIZES[config.observation]
+    slots, features = config.length, observation_size(config.observation)
     present, joined = jnp.ones(slots, bool), jnp.ones(slots - 1, bool)
 
     @jax.jit

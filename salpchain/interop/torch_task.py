@@ -5,12 +5,11 @@ torch, such as the VMAS scenario.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
+from salpchain.errors import InputError
 from salpchain.interop.extras import need
-from salpchain.tasks.observations import SENSED
+from salpchain.tasks.features import OBSERVATIONS, SENSED, View, features, senses
 from salpchain.tasks.reach.reward import FINE_SCALE
 from salpchain.tasks.reach.targets import LINK, RADIUS, SPAWN
 
@@ -20,6 +19,7 @@ import torch
 from torch import Tensor
 
 Device = torch.device | str
+Pair = tuple[Tensor, Tensor]  # x and y, (env, unit) or (env, 1) each
 
 
 @dataclass(frozen=True)
@@ -108,117 +108,103 @@ def potentials(position: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def observe(name: str, chains: Chains) -> Tensor:
-    """What every unit sees (env, unit, feature); `name` as in `TaskConfig.observation`."""
-    return OBSERVATIONS[name](chains)
+    """What every unit sees (env, unit, feature); `name` as in `TaskConfig.observation`.
+
+    Raises:
+        InputError: an observation of what is around a chain, which VMAS's world does not give.
+    """
+    if senses(name):
+        raise InputError(
+            f"observation {name} senses {', '.join(senses(name))}, which there is not in VMAS:"
+            f" choose one of {', '.join(n for n in OBSERVATIONS if not senses(n))}"
+        )
+    view, like = TorchView(chains), chains.angle
+    rows = [row for feature in features(name) for row in feature.rows(view)]
+    return torch.stack([row.expand_as(like) for row in rows], dim=-1)
 
 
-def body(chains: Chains, metric: bool = False) -> Tensor:
-    """The unit's own view, 22 numbers (see `observations`)."""
-    length = chains.angle.shape[1]
-    error = chains.target - chains.position
-    here = chains.position.mean(dim=1, keepdim=True)
-    beside = chains.position - here
-    spread = (beside**2).sum(dim=-1).mean(dim=1).sqrt()[:, None, None]
-    mean_velocity = chains.velocity.mean(dim=1, keepdim=True).expand_as(error)
-    far = chains.target.mean(dim=1, keepdim=True) - here
-    vectors = [
-        chains.velocity * 5,
-        *(v / LINK for points in (chains.position, chains.target) for v in _towards(points)),
-        error / (torch.linalg.vector_norm(error, dim=-1, keepdim=True) + 0.01),
-        mean_velocity * 5,
-        beside / (spread + 0.01),
-    ]
-    seen = [_own(chains.angle, v) for v in (error, far.expand_as(error))]
-    place = torch.linspace(-1, 1, length, device=error.device).expand_as(chains.angle)
-    return torch.cat(
-        [
-            *(_own(chains.angle, v) for v in vectors),
-            *(v if metric else _compress(v) for v in seen),
-            chains.angular_velocity[..., None] / 3,
-            place[..., None],
-        ],
-        dim=-1,
-    )
+class TorchView(View):
+    """A batch of chains as rows (env, unit); `tasks.features.View` says what each is."""
+
+    def __init__(self, chains: Chains) -> None:
+        """Rows of whole chains, all of one length."""
+        self.position, self.velocity = _pair(chains.position), _pair(chains.velocity)
+        self.target, self.force = _pair(chains.target), _pair(chains.force)
+        self.angle, self.angular_velocity = chains.angle, chains.angular_velocity
+        self.turn = torch.cos(chains.angle), torch.sin(chains.angle)
+        self.sensed = {}
+
+    @property
+    def centroid(self) -> Pair:
+        """Mean position of the chain's units (m)."""
+        return self.mean(self.position)
+
+    @property
+    def target_centroid(self) -> Pair:
+        """Mean of the target points (m)."""
+        return self.mean(self.target)
+
+    def mean(self, pair: Pair) -> Pair:
+        """Mean over the units."""
+        return pair[0].mean(dim=1, keepdim=True), pair[1].mean(dim=1, keepdim=True)
+
+    def own(self, pair: Pair) -> Pair:
+        """World vectors in each unit's axes: along the unit, and along its heading."""
+        (cosine, sine), (x, y) = self.turn, pair
+        return cosine * x + sine * y, cosine * y - sine * x
+
+    def neighbours(self, row: Tensor) -> tuple[Tensor, Tensor]:
+        """What the previous and what the next unit has; zero where there is none."""
+        none = torch.zeros_like(row[:, :1])
+        return torch.cat([none, row[:, :-1]], dim=1), torch.cat([row[:, 1:], none], dim=1)
+
+    def towards(self, pair: Pair) -> tuple[Pair, Pair]:
+        """From each unit's point to those of the previous and next unit; else zero."""
+        steps = [row[:, 1:] - row[:, :-1] for row in pair]
+        none = torch.zeros_like(pair[0][:, :1])
+        previous = [torch.cat([none, -step], dim=1) for step in steps]
+        following = [torch.cat([step, none], dim=1) for step in steps]
+        return (previous[0], previous[1]), (following[0], following[1])
+
+    def nearest(self) -> Pair:
+        """To the nearest unit that is no neighbour, 1 - distance / `SENSED` long."""
+        slot = torch.arange(self.angle.shape[1], device=self.angle.device)
+        x, y = (row[:, None] - row[:, :, None] for row in self.position)
+        apart = (x**2 + y**2).sqrt()
+        apart = torch.where((slot[:, None] - slot).abs() > 1, apart, math.inf)
+        least = apart.amin(dim=2, keepdim=True)
+        chosen = (apart == least) & torch.isfinite(apart)
+        share = (1 / least.clamp(min=1e-6) - 1 / SENSED).clamp(min=0)[..., 0]
+        share = share / chosen.sum(dim=2).clamp(min=1)
+        return share * (chosen * x).sum(dim=2), share * (chosen * y).sum(dim=2)
+
+    def bearing(self, vector: Pair) -> Tensor:
+        """Angle of a vector from the unit's own angle (rad, wrapped); 0 of no vector."""
+        x, y = vector
+        there = (x != 0) | (y != 0)
+        return torch.where(there, self.wrap(torch.atan2(y, x) - self.angle), 0.0)
+
+    def bit(self, place: int) -> Tensor:
+        """A bit of the unit's index in the chain."""
+        index = torch.arange(self.angle.shape[1], device=self.angle.device)
+        return ((index >> place) & 1).to(self.angle.dtype)
+
+    def place(self) -> Tensor:
+        """Place in the chain, from -1 (first) to 1 (last)."""
+        return torch.linspace(-1, 1, self.angle.shape[1], device=self.angle.device)
+
+    def wrap(self, angle: Tensor) -> Tensor:
+        """An angle (rad) in [-pi, pi)."""
+        return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
+
+    def root(self, row: Tensor) -> Tensor:
+        """The square root."""
+        return torch.sqrt(row)
+
+    def compress(self, row: Tensor) -> Tensor:
+        """sign(x) log(1 + 5 |x|)."""
+        return torch.sign(row) * torch.log1p(5 * torch.abs(row))
 
 
-def table1(chains: Chains) -> Tensor:
-    """The paper's Table 1, 24 numbers (see `observations`)."""
-    position, velocity, angle = chains.position, chains.velocity, chains.angle
-    index = torch.arange(angle.shape[1], device=angle.device)
-    bits = torch.stack([(index >> bit) & 1 for bit in range(4)], dim=-1)
-    none = torch.zeros_like(chains.force[:, :1])
-    return torch.cat(
-        [
-            bits.to(angle.dtype).expand(*angle.shape, 4),
-            position,
-            velocity,
-            _wrap(angle)[..., None],
-            chains.angular_velocity[..., None],
-            velocity - velocity.mean(dim=1, keepdim=True),
-            position - position.mean(dim=1, keepdim=True),
-            position - chains.target.mean(dim=1, keepdim=True),
-            chains.target - position,
-            *(_bearing(angle, vector) for vector in _towards(position)),
-            torch.cat([none, chains.force[:, :-1]], dim=1),
-            torch.cat([chains.force[:, 1:], none], dim=1),
-        ],
-        dim=-1,
-    )
-
-
-def proximity(chains: Chains, metric: bool = False) -> Tensor:
-    """`body`, and the nearest unit that is no neighbour (see `observations`)."""
-    position, length = chains.position, chains.angle.shape[1]
-    slot = torch.arange(length, device=position.device)
-    offset = position[:, None] - position[:, :, None]
-    apart = torch.linalg.vector_norm(offset, dim=-1)
-    apart = torch.where((slot[:, None] - slot).abs() > 1, apart, math.inf)
-    least = apart.amin(dim=2, keepdim=True)
-    chosen = (apart == least) & torch.isfinite(apart)
-    share = (1 / least.clamp(min=1e-6) - 1 / SENSED).clamp(min=0)
-    share = share / chosen.sum(dim=2, keepdim=True).clamp(min=1)
-    vector = 2 * share * (chosen[..., None] * offset).sum(dim=2)
-    return torch.cat([body(chains, metric), _own(chains.angle, vector)], dim=-1)
-
-
-def anonymous(chains: Chains) -> Tensor:
-    """`proximity` without the unit's place in the chain."""
-    seen = proximity(chains)
-    return torch.cat([seen[..., :-3], seen[..., -2:]], dim=-1)
-
-
-OBSERVATIONS: dict[str, Callable[[Chains], Tensor]] = {
-    "body": body,
-    "table1": table1,
-    "proximity": proximity,
-    "anonymous": anonymous,
-    "metric": partial(proximity, metric=True),
-}
-
-
-def _own(angle: Tensor, vector: Tensor) -> Tensor:
-    """World vectors in each unit's axes: along the unit, and along its heading."""
-    cosine, sine = torch.cos(angle), torch.sin(angle)
-    x, y = vector.unbind(dim=-1)
-    return torch.stack([cosine * x + sine * y, cosine * y - sine * x], dim=-1)
-
-
-def _compress(x: Tensor) -> Tensor:
-    return torch.sign(x) * torch.log1p(5 * torch.abs(x))
-
-
-def _towards(points: Tensor) -> tuple[Tensor, Tensor]:
-    """From each point to the previous and to the next; zero where there is none."""
-    step = points[:, 1:] - points[:, :-1]
-    none = torch.zeros_like(points[:, :1])
-    return torch.cat([none, -step], dim=1), torch.cat([step, none], dim=1)
-
-
-def _bearing(angle: Tensor, vector: Tensor) -> Tensor:
-    x, y = vector.unbind(dim=-1)
-    there = (x != 0) | (y != 0)
-    return torch.where(there, _wrap(torch.atan2(y, x) - angle), 0.0)[..., None]
-
-
-def _wrap(angle: Tensor) -> Tensor:
-    return torch.remainder(angle + math.pi, 2 * math.pi) - math.pi
+def _pair(vectors: Tensor) -> Pair:
+    return vectors[..., 0], vectors[..., 1]

@@ -6,17 +6,11 @@ from math import inf
 from salpchain.checks import check_length, is_number, one_of, set_field
 from salpchain.errors import InputError
 from salpchain.given import told
+from salpchain.tasks.features import check_observation
 
 TIME_LIMITS = ("fixed", "scaled")
 PLAYED_LIMIT = "scaled"  # where a policy is played and nothing else was asked for
 ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
-OBSERVATION_SIZES: dict[str, int] = {
-    "body": 22,
-    "table1": 24,
-    "proximity": 24,
-    "anonymous": 23,
-    "metric": 24,
-}
 GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)
 STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
@@ -31,7 +25,7 @@ class TaskConfig:
     """
 
     length: int = 8  # number of units; the slots of a batch that mixes lengths
-    observation: str = "body"  # or another of OBSERVATION_SIZES
+    observation: str = "body"  # or another of `features.OBSERVATIONS`
     action: str = "thrust"  # or pair
     time_limit: str = "fixed"  # or scaled
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
@@ -44,7 +38,7 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         set_field(self, "length", check_length(self.length))
-        one_of("observation", self.observation, OBSERVATION_SIZES)
+        check_observation(self.observation)
         one_of("action", self.action, ACTION_SIZES)
         one_of("time limit", self.time_limit, TIME_LIMITS)
         for name in ("fence", "contact"):

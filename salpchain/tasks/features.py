@@ -1,13 +1,92 @@
-"""What each number of an observation is: name, unit, frame; for those who build it themselves.
+"""What a unit can observe: features, each some numbers with name, unit, frame and how to get them.
 
-`tasks/observations.py` computes the numbers, in this order.
+One table for all engines: a feature is worked out from a `View` of the chain in the operations that
+arrays of JAX and tensors of PyTorch share (`tasks/observations.py` and `interop/torch_task.py`
+have the two views). An observation is a tuple of features. Imports nothing heavy.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from salpchain.errors import InputError
+from salpchain.given import told
+from salpchain.plugins import check_known, find
 
 CONTROL_STEP = 0.1  # s
 UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)
 WORLD = "world"
+NEIGHBOUR = 0.07  # m, the scale of what is told of neighbours (fixed: policies learned with it)
+SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
+
+Row = Any  # one number of every unit: an array of JAX or a tensor of PyTorch
+Pair = tuple[Row, Row]  # x and y, or along the unit and along its heading
+
+
+class View:
+    """A chain and its target as rows, in world axes and SI units."""
+
+    position: Pair  # m
+    velocity: Pair  # m/s
+    target: Pair  # m, own target point
+    force: Pair  # N, of the last thrust, as it acted
+    angle: Row  # rad
+    angular_velocity: Row  # rad/s
+    sensed: Mapping[str, Any]  # what the features' `senses` gave: rows of each
+
+    @property
+    def centroid(self) -> Pair:
+        """Mean position of the chain's units (m)."""
+        raise NotImplementedError
+
+    @property
+    def target_centroid(self) -> Pair:
+        """Mean of the target points (m)."""
+        raise NotImplementedError
+
+    def mean(self, pair: Pair) -> Pair:
+        """Mean over the present units."""
+        raise NotImplementedError
+
+    def own(self, pair: Pair) -> Pair:
+        """World vectors in each unit's axes: along the unit, and along its heading."""
+        raise NotImplementedError
+
+    def neighbours(self, row: Row) -> tuple[Row, Row]:
+        """What the previous and what the next linked unit has; zero where there is none."""
+        raise NotImplementedError
+
+    def towards(self, pair: Pair) -> tuple[Pair, Pair]:
+        """From each unit's point to those of the previous and next linked unit; else zero."""
+        raise NotImplementedError
+
+    def nearest(self) -> Pair:
+        """To the nearest unit that is no neighbour, 1 - distance / `SENSED` long."""
+        raise NotImplementedError
+
+    def bearing(self, vector: Pair) -> Row:
+        """Angle of a vector from the unit's own angle (rad, wrapped); 0 of no vector."""
+        raise NotImplementedError
+
+    def bit(self, place: int) -> Row:
+        """A bit of the unit's index in the chain."""
+        raise NotImplementedError
+
+    def place(self) -> Row:
+        """Place in the chain, from -1 (first) to 1 (last)."""
+        raise NotImplementedError
+
+    def wrap(self, angle: Row) -> Row:
+        """An angle (rad) in [-pi, pi)."""
+        raise NotImplementedError
+
+    def root(self, row: Row) -> Row:
+        """The square root."""
+        raise NotImplementedError
+
+    def compress(self, row: Row) -> Row:
+        """sign(x) log(1 + 5 |x|)."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -19,68 +98,211 @@ class Field:
     frame: str  # unit, world, or none for what has no direction
 
 
-def _vector(name: str, unit: str, frame: str) -> tuple[Field, Field]:
+@dataclass(frozen=True)
+class Feature:
+    """Some numbers that a unit observes.
+
+    `rows` gives them of a `View`, a row each. `senses` names what must be sensed of the world for
+    them (`tasks/observations.py` lists what can be): `view.sensed[name]` then holds its rows.
+    """
+
+    fields: tuple[Field, ...]
+    rows: Callable[[Any], Sequence[Row]]
+    senses: tuple[str, ...] = ()
+
+
+Observation = tuple[Feature, ...]
+
+
+def vector_feature(
+    name: str, unit: str, rows: Callable[[Any], Pair], frame: str = UNIT_AXES, senses: str = ""
+) -> Feature:
+    """A feature that is a vector: `rows` gives its x and y in world axes.
+
+    It is told in each unit's own axes unless the frame is `world`.
+    """
     first, second = ("along", "heading") if frame == UNIT_AXES else ("x", "y")
-    return Field(f"{name} {first}", unit, frame), Field(f"{name} {second}", unit, frame)
+    fields = Field(f"{name} {first}", unit, frame), Field(f"{name} {second}", unit, frame)
+    turned = rows if frame == WORLD else lambda view: view.own(rows(view))
+    return Feature(fields, turned, (senses,) if senses else ())
 
 
-def _vectors(frame: str, *named: tuple[str, str]) -> tuple[Field, ...]:
-    return tuple(field for name, unit in named for field in _vector(name, unit, frame))
+def scalar_feature(
+    name: str, unit: str, row: Callable[[Any], Row], frame: str = "none", senses: str = ""
+) -> Feature:
+    """A feature that is one number."""
+    return Feature(
+        (Field(name, unit, frame),), lambda view: [row(view)], (senses,) if senses else ()
+    )
+
+
+def minus(one: Pair, other: Pair) -> Pair:
+    """The difference of two vectors."""
+    return one[0] - other[0], one[1] - other[1]
+
+
+def times(pair: Pair, factor: Any) -> Pair:
+    """A vector times a number."""
+    return pair[0] * factor, pair[1] * factor
+
+
+def squares(pair: Pair) -> Pair:
+    """The squares of a vector's coordinates."""
+    return pair[0] ** 2, pair[1] ** 2
+
+
+def _error(view: View) -> Pair:
+    return minus(view.target, view.position)
+
+
+def _aim(view: View) -> Pair:
+    error = _error(view)
+    return times(error, 1 / (view.root(sum(squares(error))) + 0.01))
+
+
+def _aside(view: View) -> Pair:
+    """From the centroid, in units of the chain's own spread.
+
+    In metres, the ends of a long chain see what none saw in training: controllers trained on 8
+    units then miss the target from 40 units on.
+    """
+    aside = minus(view.position, view.centroid)
+    spread = view.root(sum(view.mean(squares(aside))))
+    return times(aside, 1 / (spread + 0.01))
+
+
+def _neighbour(points: str, side: int) -> Callable[[View], Pair]:
+    return lambda view: times(view.towards(getattr(view, points))[side], 1 / NEIGHBOUR)
+
+
+def _far(name: str, rows: Callable[[View], Pair]) -> Feature:
+    """A vector of any size, so that what is far stays in the range of what was seen near by."""
+    feature = vector_feature(name, COMPRESSED, rows)
+    return replace(feature, rows=lambda view: [view.compress(row) for row in view.own(rows(view))])
 
 
 COMPRESSED = "sign(x) log(1 + 5 |x|) of metres"
 PROXIMITY = "2 (1 - distance / 0.2 m), 0 from 0.2 m on"
 SPREAD = "of the root mean square distance of units to their centroid + 0.01 m"
+LINKS = "0.07 m, 0 without one"
 
-LAYOUTS: dict[str, tuple[Field, ...]] = {
-    "body": (
-        *_vectors(
+_ERROR = "own target point minus own position", _error
+_CENTRES = (
+    "centroid of the target minus centroid",
+    lambda view: minus(view.target_centroid, view.centroid),
+)
+_NEAR_BY = (
+    vector_feature("velocity", "0.2 m/s", lambda view: times(view.velocity, 5.0)),
+    vector_feature("previous unit minus own position", LINKS, _neighbour("position", 0)),
+    vector_feature("next unit minus own position", LINKS, _neighbour("position", 1)),
+    vector_feature("previous target point minus own target point", LINKS, _neighbour("target", 0)),
+    vector_feature("next target point minus own target point", LINKS, _neighbour("target", 1)),
+    vector_feature("direction to own target point", "1 (distance / (distance + 0.01 m))", _aim),
+    vector_feature(
+        "mean velocity of the chain", "0.2 m/s", lambda view: times(view.mean(view.velocity), 5.0)
+    ),
+    vector_feature("own position minus centroid", SPREAD, _aside),
+)
+_TURNING = scalar_feature("angular velocity", "3 rad/s", lambda view: view.angular_velocity / 3)
+_PLACE = scalar_feature(
+    "place in the chain", "1, from -1 (first) to 1 (last)", lambda view: view.place()
+)
+# What a proximity sensor tells; without, units pressed against each other cannot know it.
+_PROXIMITY = vector_feature(
+    "direction to the nearest unit that is no neighbour",
+    PROXIMITY,
+    lambda view: times(view.nearest(), 2.0),
+)
+
+# The unit's own view, of much the same size at any length and distance.
+BODY: Observation = (*_NEAR_BY, _far(*_ERROR), _far(*_CENTRES), _TURNING, _PLACE)
+METRIC: Observation = (
+    *_NEAR_BY,
+    *(vector_feature(name, "m", rows) for name, rows in (_ERROR, _CENTRES)),
+    _TURNING,
+    _PLACE,
+    _PROXIMITY,
+)
+
+# The paper's Table 1, in its order.
+TABLE1: Observation = (
+    *(
+        scalar_feature(f"bit {bit} of the unit's index", "1", lambda view, bit=bit: view.bit(bit))
+        for bit in range(4)
+    ),
+    vector_feature("position", "m", lambda view: view.position, WORLD),
+    vector_feature("velocity", "m/s", lambda view: view.velocity, WORLD),
+    scalar_feature("angle", "rad, in [-pi, pi)", lambda view: view.wrap(view.angle), WORLD),
+    scalar_feature("angular velocity", "rad/s", lambda view: view.angular_velocity),
+    vector_feature(
+        "velocity minus mean velocity",
+        "m/s",
+        lambda view: minus(view.velocity, view.mean(view.velocity)),
+        WORLD,
+    ),
+    vector_feature(
+        "position minus centroid", "m", lambda view: minus(view.position, view.centroid), WORLD
+    ),
+    vector_feature(
+        "position minus centroid of the target",
+        "m",
+        lambda view: minus(view.position, view.target_centroid),
+        WORLD,
+    ),
+    vector_feature("own target point minus position", "m", _error, WORLD),
+    *(
+        scalar_feature(
+            f"bearing of the {which} unit",
+            "rad, 0 without one",
+            lambda view, side=side: view.bearing(view.towards(view.position)[side]),
             UNIT_AXES,
-            ("velocity", "0.2 m/s"),
-            ("previous unit minus own position", "0.07 m, 0 without one"),
-            ("next unit minus own position", "0.07 m, 0 without one"),
-            ("previous target point minus own target point", "0.07 m, 0 without one"),
-            ("next target point minus own target point", "0.07 m, 0 without one"),
-            ("direction to own target point", "1 (distance / (distance + 0.01 m))"),
-            ("mean velocity of the chain", "0.2 m/s"),
-            ("own position minus centroid", SPREAD),
-            ("own target point minus own position", COMPRESSED),
-            ("centroid of the target minus centroid", COMPRESSED),
-        ),
-        Field("angular velocity", "3 rad/s", "none"),
-        Field("place in the chain", "1, from -1 (first) to 1 (last)", "none"),
+        )
+        for side, which in enumerate(("previous", "next"))
     ),
-    "table1": (
-        *(Field(f"bit {bit} of the unit's index", "1", "none") for bit in range(4)),
-        *_vectors(WORLD, ("position", "m"), ("velocity", "m/s")),
-        Field("angle", "rad, in [-pi, pi)", WORLD),
-        Field("angular velocity", "rad/s", "none"),
-        *_vectors(
+    *(
+        vector_feature(
+            f"last force of the {which} unit",
+            "N, 0 without one",
+            lambda view, side=side: (
+                view.neighbours(view.force[0])[side],
+                view.neighbours(view.force[1])[side],
+            ),
             WORLD,
-            ("velocity minus mean velocity", "m/s"),
-            ("position minus centroid", "m"),
-            ("position minus centroid of the target", "m"),
-            ("own target point minus position", "m"),
-        ),
-        Field("bearing of the previous unit", "rad, 0 without one", UNIT_AXES),
-        Field("bearing of the next unit", "rad, 0 without one", UNIT_AXES),
-        *_vectors(
-            WORLD,
-            ("last force of the previous unit", "N, 0 without one"),
-            ("last force of the next unit", "N, 0 without one"),
-        ),
+        )
+        for side, which in enumerate(("previous", "next"))
     ),
-}
+)
 
-LAYOUTS["proximity"] = (
-    *LAYOUTS["body"],
-    *_vector("direction to the nearest unit that is no neighbour", PROXIMITY, UNIT_AXES),
+# What can be sensed of the world around, for observations of one's own.
+WATER = vector_feature(
+    "velocity against the water", "0.2 m/s", lambda view: times(view.sensed["water"], 5.0),
+    senses="water",
+)  # fmt: skip
+SURFACE = vector_feature(
+    "direction to the nearest surface", "1 - distance / 0.2 m, 0 from 0.2 m on",
+    lambda view: view.sensed["surface"], senses="surface",
+)  # fmt: skip
+THRUSTER = scalar_feature(
+    "gain of the own thruster", "1, 0 where dead", lambda view: view.sensed["thruster"][0],
+    senses="thruster",
+)  # fmt: skip
+RAYS = Feature(
+    tuple(
+        Field(f"clear way at {45 * ray} degrees", "0.5 m, 1 where nothing is", UNIT_AXES)
+        for ray in range(8)
+    ),
+    lambda view: view.sensed["rays"],
+    ("rays",),
 )
-LAYOUTS["anonymous"] = LAYOUTS["proximity"][:-3] + LAYOUTS["proximity"][-2:]
-LAYOUTS["metric"] = tuple(
-    replace(field, unit="m") if field.unit == COMPRESSED else field
-    for field in LAYOUTS["proximity"]
-)
+
+OBSERVATIONS: dict[str, Observation] = {
+    "body": BODY,
+    "table1": TABLE1,
+    "proximity": (*BODY, _PROXIMITY),
+    "anonymous": (*BODY[:-1], _PROXIMITY),
+    "metric": METRIC,
+    "around": (*BODY, _PROXIMITY, WATER, SURFACE, THRUSTER),
+}
 
 ACTIONS = {
     "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
@@ -88,6 +310,48 @@ ACTIONS = {
 }
 
 
+def check_observation(name: object) -> None:
+    """Raise InputError unless there is an observation of this name."""
+    check_known("observation", name, OBSERVATIONS)
+    if name not in OBSERVATIONS:
+        features(str(name))
+
+
+def features(observation: str) -> Observation:
+    """The features of an observation: one of `OBSERVATIONS`, or `module:name` of one's own.
+
+    Raises:
+        InputError: there is none, or what there is is no sequence of features.
+    """
+    if observation in OBSERVATIONS:
+        return OBSERVATIONS[observation]
+    check_known("observation", observation, OBSERVATIONS)
+    found: Any = find("observation", observation)
+    several = isinstance(found, tuple | list)
+    if not several or not found or not all(isinstance(one, Feature) for one in found):
+        raise InputError(
+            f"observation {observation} must be a tuple of features, such as"
+            f" (*OBSERVATIONS['body'], scalar_feature(...)), got {told(found)}"
+        )
+    return tuple(found)
+
+
+def layout(observation: str) -> tuple[Field, ...]:
+    """What each number of an observation is, in their order."""
+    return tuple(field for feature in features(observation) for field in feature.fields)
+
+
+def observation_size(observation: str) -> int:
+    """Numbers that a unit observes."""
+    return len(layout(observation))
+
+
+def senses(observation: str) -> tuple[str, ...]:
+    """What must be sensed of the world for an observation."""
+    every = (sense for feature in features(observation) for sense in feature.senses)
+    return tuple(dict.fromkeys(every))
+
+
 def as_rows(observation: str) -> list[dict[str, str]]:
     """The layout of an observation as plain values for JSON."""
-    return [asdict(field) for field in LAYOUTS[observation]]
+    return [asdict(field) for field in layout(observation)]

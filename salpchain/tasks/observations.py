@@ -1,60 +1,128 @@
-"""What each unit observes: `table1`, the paper's; `body`, the unit's own view, and variants of it.
-
+"""Observations worked out: features (`tasks/features.py`) of a chain, its target and its world.
 
 The features are worked out as rows, one number of every unit, with the batch of chains last
 (see `physics.batching`): units are the first axis of every row, whether a batch follows or not.
 """
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from salpchain.physics import derivatives
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.derivatives import compress, direction, root
+from salpchain.physics.derivatives import direction
 from salpchain.physics.state import Chain, wrap
+from salpchain.tasks.features import SENSED, Observation, Pair, Row, View, features
+from salpchain.world.surfaces import nearest_surface, rays
+from salpchain.world.world import World
 from salpchain.xla import once
 
-NEIGHBOUR = 0.07  # m, the scale of what is told of neighbours (fixed: policies learned with it)
-SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
 
-Row = Array  # (unit,) or (unit, batch)
-Pair = tuple[Row, Row]  # x and y
+class Around(NamedTuple):
+    """The world of an episode and the control step, for features that sense of it."""
+
+    world: World
+    time: Int[Array, ""] | int
+
+
+def _water(chain: Chain, around: Around) -> Float[Array, "unit 2"]:
+    """Velocity (m/s) of each unit relative to the water."""
+    if around.world.current is None:
+        return chain.units.velocity
+    return chain.units.velocity - around.world.current.flow(chain.units.position).velocity
+
+
+def _surface(chain: Chain, around: Around) -> Float[Array, "unit 2"]:
+    if around.world.obstacles is None:
+        return jnp.zeros_like(chain.units.position)
+    return nearest_surface(chain, around.world.obstacles)
+
+
+def _rays(chain: Chain, around: Around) -> Float[Array, "unit ray"]:
+    if around.world.obstacles is None:
+        return jnp.ones_like(chain.units.position, shape=(len(chain.present), 8))
+    return rays(chain, around.world.obstacles)
+
+
+def _thruster(chain: Chain, around: Around) -> Float[Array, "unit 1"]:
+    """Gain of each unit's thruster now."""
+    like = chain.units.angle
+    if around.world.thrusters is None:
+        return jnp.ones_like(like)[:, None]
+    return around.world.thrusters.working(jnp.asarray(around.time), like)[:, None]
+
+
+# What a feature can name among its `senses`, (unit, number): in world axes, `surface` in the unit's
+SENSES: dict[str, Callable[[Chain, Around], Array]] = {
+    "water": _water,
+    "surface": _surface,
+    "rays": _rays,
+    "thruster": _thruster,
+}
 
 
 def observe(
-    name: str, chain: Chain, target: Float[Array, "unit 2"], force: Float[Array, "unit 2"]
+    name: str,
+    chain: Chain,
+    target: Float[Array, "unit 2"],
+    force: Float[Array, "unit 2"],
+    around: Around | None = None,
 ) -> Float[Array, "unit feature"]:
     """The named observation of one chain; zeros in dead slots. Fast under `jax.vmap`.
 
     Args:
-        name: a key of `OBSERVATIONS`.
+        name: as in `features.features`.
         chain: where the chain is.
         target: one point (m) for each unit.
         force: of each unit's thrust in the last control step (N, world axes), as it acted.
+        around: where it swims; still water without obstacles if not given.
     """
-    return _observe(name, chain, target, force)
+    observation = features(name)
+    around = Around(World(), 0) if around is None else around
+    wanted = dict.fromkeys(sense for feature in observation for sense in feature.senses)
+    sensed = {sense: SENSES[sense](chain, around) for sense in wanted}
+    return _observe(observation, chain, target, force, sensed)
 
 
 @over_the_batch
-def _observe(name: str, chain: Chain, target: Array, force: Array) -> Array:
-    rows = OBSERVATIONS[name](View(chain, target, force))
+def _observe(
+    observation: Observation, chain: Chain, target: Array, force: Array, sensed: dict[str, Array]
+) -> Array:
+    view = ChainView(chain, target, force, sensed)
+    rows = [row for feature in observation for row in feature.rows(view)]
     return jnp.where(chain.present[:, None], jnp.stack(rows, axis=1), 0.0)
 
 
-class View:
-    """The chain and its target as rows, with what both observations need of them."""
+class ChainView(View):
+    """The chain and its target as rows; `features.View` says what each is."""
 
-    def __init__(self, chain: Chain, target: Array, force: Array) -> None:
+    def __init__(
+        self, chain: Chain, target: Array, force: Array, sensed: Mapping[str, Array]
+    ) -> None:
         """Rows of a chain, of a batch of chains with the batch last."""
         self.chain, self.force = chain, _pair(force)
         self.position = _pair(chain.units.position)
         self.velocity = _pair(chain.units.velocity)
+        self.angle, self.angular_velocity = chain.units.angle, chain.units.angular_velocity
         self.target = _pair(target)
-        angle = chain.units.angle
+        self.sensed = {
+            name: tuple(x[:, k] for k in range(x.shape[1])) for name, x in sensed.items()
+        }
         never = chain.present.sum() < 0
-        self.turn: Pair = once((jnp.cos(angle), jnp.sin(angle)), never)
+        self.turn: Pair = once((jnp.cos(self.angle), jnp.sin(self.angle)), never)
+
+    @cached_property
+    def centroid(self) -> Pair:
+        """Mean position of the chain's units (m)."""
+        return self.mean(self.position)
+
+    @cached_property
+    def target_centroid(self) -> Pair:
+        """Mean of the target points (m)."""
+        return self.mean(self.target)
 
     def mean(self, pair: Pair) -> Pair:
         """Mean over the present units."""
@@ -89,7 +157,7 @@ class View:
 
         1 - distance / `SENSED` long: nothing from `SENSED` on.
         """
-        present, slot = self.chain.present, _indices(self.chain.units.angle)
+        present, slot = self.chain.present, _indices(self.angle)
         joined = jnp.concatenate([self.chain.joined, jnp.zeros_like(present[:1])])
         follows = (slot == slot[:, None] + 1) & joined[:, None]
         precedes = (slot + 1 == slot[:, None]) & joined
@@ -98,7 +166,7 @@ class View:
         square = jnp.where(other, x**2 + y**2, jnp.inf)
         least = square.min(axis=1)
         chosen = jnp.where(other & (square <= least[:, None]), 1.0, 0.0)
-        apart = jnp.maximum(root(least), 1e-6)
+        apart = jnp.maximum(derivatives.root(least), 1e-6)
         share = jnp.maximum(1 / apart - 1 / SENSED, 0.0) / jnp.maximum(chosen.sum(axis=1), 1)
         return (chosen * x).sum(axis=1) * share, (chosen * y).sum(axis=1) * share
 
@@ -106,102 +174,32 @@ class View:
         """Angle of a neighbour from the unit's own angle (rad, wrapped); 0 where there is none."""
         x, y = vector
         there = (x != 0) | (y != 0)
-        return jnp.where(there, wrap(direction(y, x) - self.chain.units.angle), 0.0)
+        return jnp.where(there, wrap(direction(y, x) - self.angle), 0.0)
 
+    def bit(self, place: int) -> Row:
+        """A bit of the unit's index in the chain."""
+        return ((_indices(self.angle) >> place) & 1).astype(self.angle.dtype)
 
-def table1(view: View) -> list[Row]:
-    """The 24 numbers of the paper's Table 1, in its order, in world axes; SI units."""
-    units = view.chain.units
-    index = _indices(units.angle)
-    previous, following = view.towards(view.position)
-    force = [view.neighbours(row) for row in view.force]
-    return [
-        *(((index >> bit) & 1).astype(units.angle.dtype) for bit in range(4)),
-        *view.position,
-        *view.velocity,
-        wrap(units.angle),
-        units.angular_velocity,
-        *_minus(view.velocity, view.mean(view.velocity)),
-        *_minus(view.position, view.mean(view.position)),
-        *_minus(view.position, view.mean(view.target)),
-        *_minus(view.target, view.position),
-        view.bearing(previous),
-        view.bearing(following),
-        *(side[0] for side in force),
-        *(side[1] for side in force),
-    ]
+    def place(self) -> Row:
+        """Place in the chain, from -1 (first) to 1 (last)."""
+        last = jnp.maximum(self.chain.present.sum(axis=0) - 1, 1)
+        return _indices(self.angle) * (2 / last) - 1.0
 
+    def wrap(self, angle: Row) -> Row:
+        """An angle (rad) in [-pi, pi)."""
+        return wrap(angle)
 
-def body(view: View, metric: bool = False) -> list[Row]:
-    """22 numbers in the unit's own axes, of much the same size at any length and distance.
+    def root(self, row: Row) -> Row:
+        """The square root, with a derivative at 0."""
+        return derivatives.root(row)
 
-    `metric`: what is far is given in metres as it is.
-
-    The place beside the chain's centroid is in units of the chain's own spread (root mean square).
-    In metres, the ends of a long chain see what none saw in training: controllers trained on 8
-    units then miss the target from 40 units on.
-    """
-    units = view.chain.units
-    error = _minus(view.target, view.position)
-    here, there = view.mean(view.position), view.mean(view.target)
-    near = 1 / (root(sum(_squares(error))) + 0.01)
-    neighbours = (*view.towards(view.position), *view.towards(view.target))
-    place = _indices(units.angle) * (2 / jnp.maximum(view.chain.present.sum(axis=0) - 1, 1)) - 1.0
-    beside = _minus(view.position, here)
-    spread = root(sum(view.mean(_squares(beside))))
-    vectors = [
-        _times(view.velocity, 5.0),
-        *(_times(vector, 1 / NEIGHBOUR) for vector in neighbours),
-        _times(error, near),
-        _times(view.mean(view.velocity), 5.0),
-        _times(beside, 1 / (spread + 0.01)),
-    ]
-    far = [error, _minus(there, here)]
-    return [
-        *(row for vector in vectors for row in view.own(vector)),
-        *(row if metric else compress(row) for vector in far for row in view.own(vector)),
-        units.angular_velocity / 3,
-        place,
-    ]
-
-
-def proximity(view: View, metric: bool = False) -> list[Row]:
-    """`body`, and the direction to the nearest unit that is no neighbour, 2 long at contact.
-
-    What a proximity sensor tells; without, units pressed against each other cannot know it.
-    """
-    return [*body(view, metric), *view.own(_times(view.nearest(), 2.0))]
-
-
-def anonymous(view: View) -> list[Row]:
-    """`proximity` without the unit's place in the chain: 23 numbers."""
-    *own, _, along, heading = proximity(view)
-    return [*own, along, heading]
-
-
-OBSERVATIONS: dict[str, Callable[[View], list[Row]]] = {
-    "table1": table1,
-    "body": body,
-    "proximity": proximity,
-    "anonymous": anonymous,
-    "metric": partial(proximity, metric=True),
-}
+    def compress(self, row: Row) -> Row:
+        """sign(x) log(1 + 5 |x|)."""
+        return derivatives.compress(row)
 
 
 def _pair(vectors: Array) -> Pair:
     return vectors[:, 0], vectors[:, 1]
-
-
-def _minus(one: Pair, other: Pair) -> Pair:
-    return one[0] - other[0], one[1] - other[1]
-
-
-def _squares(pair: Pair) -> Pair:
-    return pair[0] ** 2, pair[1] ** 2
-
-
-def _times(pair: Pair, factor: Array | float) -> Pair:
-    return pair[0] * factor, pair[1] * factor
 
 
 def _indices(row: Row) -> Array:

@@ -34,11 +34,11 @@ from salpchain.tasks.checks import (
 from salpchain.tasks.config import (
     ACTION_SIZES,
     FIXED_LIMIT,
-    OBSERVATION_SIZES,
     STEPS_PER_UNIT,
     TaskConfig,
 )
-from salpchain.tasks.observations import observe
+from salpchain.tasks.features import observation_size
+from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
 from salpchain.world.randomise import as_world, draw_world
@@ -119,7 +119,7 @@ class Task(eqx.Module):
     @property
     def observation_size(self) -> int:
         """Numbers that a unit observes."""
-        return OBSERVATION_SIZES[self.config.observation]
+        return observation_size(self.config.observation)
 
     @standard_promotion
     def reset(self, key: PRNGKeyArray, length: int | Array | None = None) -> State:
@@ -178,7 +178,7 @@ class Task(eqx.Module):
             distances=now,
             start_distance=now.mean,
             time=jnp.int32(0),
-            obs=self._sense(chain, senses, target, force),
+            obs=self._sense(chain, senses, target, force, Around(world, 0)),
             reward=zero,
             terms=dict.fromkeys(self.weights, zero),
             terminated=no,
@@ -221,7 +221,7 @@ class Task(eqx.Module):
             force=force,
             distances=now,
             time=time,
-            obs=self._sense(chain, senses, target, force),
+            obs=self._sense(chain, senses, target, force, Around(world, time)),
             reward=self._reward(terms),
             terms=terms,
             terminated=ended | invalid | _at_fence(chain, fence),
@@ -251,15 +251,17 @@ class Task(eqx.Module):
         return jnp.zeros(()) if total is None else total
 
     def _sense(
-        self, chain: Chain, senses: Senses | None, target: Array, force: Array
+        self, chain: Chain, senses: Senses | None, target: Array, force: Array, around: Around
     ) -> Float[Array, "unit feature"]:
         if senses is None:
-            return self.observe(chain, target, force)
-        return silenced(self.observe(senses.of(chain), target, force), senses)
+            return self.observe(chain, target, force, around)
+        return silenced(self.observe(senses.of(chain), target, force, around), senses)
 
     @standard_promotion
-    def observe(self, chain: Chain, target: Array, force: Array) -> Float[Array, "unit feature"]:
-        """What the units see.
+    def observe(
+        self, chain: Chain, target: Array, force: Array, around: Around | None = None
+    ) -> Float[Array, "unit feature"]:
+        """What the units see; in still water without obstacles unless `around` says otherwise.
 
         Raises:
             InputError: a chain, a target or a force of other slots than `config.length`.
@@ -268,7 +270,7 @@ class Task(eqx.Module):
         like = chain.units.position
         target = checked_vectors("the target", target, like)
         force = checked_vectors("the force", force, like)
-        return observe(self.config.observation, chain, target, force)
+        return observe(self.config.observation, chain, target, force, around)
 
     def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
         """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]

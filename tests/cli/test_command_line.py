@@ -19,7 +19,7 @@ from salpchain.controllers.storage import save_policy
 from salpchain.installation import install_command
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
-from salpchain.tasks.config import OBSERVATION_SIZES
+from salpchain.tasks.features import OBSERVATIONS
 from salpchain.training.config import Mix
 from salpchain.training.presets import QUICK_STEPS, QUICK_STEPS_OF, choose
 from salpchain.training.run_folder import create
@@ -460,7 +460,7 @@ def page(command, capsys):
 def test_the_pages_name_every_observation(capsys):
     for command in ("train", "models"):
         told = page(command, capsys)
-        assert [name for name in OBSERVATION_SIZES if name not in told] == []
+        assert [name for name in OBSERVATIONS if name not in told] == []
 
 
 def test_the_page_of_train_says_what_the_presets_take(capsys):

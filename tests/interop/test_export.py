@@ -23,7 +23,8 @@ from salpchain.interop import FORMATS
 from salpchain.interop.export import export
 from salpchain.interop.network import load_torch
 from salpchain.tasks.config import TaskConfig
-from salpchain.tasks.features import LAYOUTS
+from salpchain.tasks.features import OBSERVATIONS as LAYOUTS
+from salpchain.tasks.features import layout
 from salpchain.tasks.observations import observe
 from salpchain.tasks.reach.task import SCLD
 from tests.interop.policies import fresh
@@ -180,7 +181,7 @@ def test_a_torch_module_refuses_observations_of_another_shape_and_what_is_no_fil
 def test_the_layouts_name_the_numbers_in_their_order(swum):
     """By what each number is known to be in states that swam."""
     env = SCLD(TaskConfig(length=6, observation="table1"))
-    names = {kind: [field.name for field in fields] for kind, fields in LAYOUTS.items()}
+    names = {kind: [field.name for field in layout(kind)] for kind in LAYOUTS}
     assert len(names["table1"]) == 24 and len(names["body"]) == 22
     table1 = jax.jit(jax.vmap(env.observe))(swum.chain, swum.target, swum.force)
     see = dict(zip(names["table1"], jnp.moveaxis(table1, -1, 0), strict=True))

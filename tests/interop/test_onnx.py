@@ -8,8 +8,8 @@ import onnxruntime
 import pytest
 
 from salpchain.interop.onnx import export_onnx
-from salpchain.tasks.config import OBSERVATION_SIZES
-from salpchain.tasks.features import LAYOUTS
+from salpchain.tasks.features import layout as layout_of
+from salpchain.tasks.features import observation_size
 from tests.interop.policies import fresh
 
 GRAPHS = ("mixed", "full", "near", "hub")
@@ -27,7 +27,7 @@ def actions(policy, obs):
 
 
 def observed(batch, units, observation="body"):
-    shape = batch, units, OBSERVATION_SIZES[observation]
+    shape = batch, units, observation_size(observation)
     return np.random.default_rng(units).normal(size=shape).astype(np.float32)
 
 
@@ -72,7 +72,7 @@ def test_the_file_says_what_it_is_and_is_small(tmp_path):
     model = onnx.load(path)
     about = {entry.key: entry.value for entry in model.metadata_props}
     layout = json.loads(about["observation_layout"])
-    assert [row["name"] for row in layout] == [field.name for field in LAYOUTS["body"]]
+    assert [row["name"] for row in layout] == [field.name for field in layout_of("body")]
     assert all(row["unit"] and row["frame"] for row in layout)
     assert about["model"] == "gcn" and json.loads(about["training_lengths"]) == [8]
     assert path.stat().st_size < 1_000_000

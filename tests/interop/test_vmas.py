@@ -15,7 +15,7 @@ from salpchain.errors import InputError
 from salpchain.interop import torch_task
 from salpchain.interop.vmas import Scenario, make_env, make_torchrl_env
 from salpchain.physics.state import Bodies, Chain
-from salpchain.tasks.config import OBSERVATION_SIZES
+from salpchain.tasks.features import OBSERVATIONS, senses
 from salpchain.tasks.observations import observe
 from salpchain.tasks.reach.frechet import frechet_distance
 from salpchain.tasks.reach.reward import distances, reached, reward_terms
@@ -119,10 +119,12 @@ def test_every_observation_is_ours_on_the_same_states():
         env.step([torch.tensor(p) for p in push])
     chains = env.scenario.chains()
     target, force = jnp.asarray(chains.target.numpy()), jnp.asarray(chains.force.numpy())
-    for name in OBSERVATION_SIZES:
+    for name in (name for name in OBSERVATIONS if not senses(name)):
         expected = jax.vmap(partial(observe, name))(ours(env), target, force)
         np.testing.assert_allclose(torch_task.observe(name, chains), expected, atol=1e-4)
     assert np.abs(expected).max() > 0.1
+    with pytest.raises(InputError, match="around senses water, surface, thruster, which"):
+        torch_task.observe("around", chains)
 
 
 def test_the_frechet_distance_is_ours():

@@ -16,7 +16,8 @@ import pytest
 from salpchain.controllers.named import load
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics
-from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.features import OBSERVATIONS
 from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import in_double_precision, lively, thrusts
 
@@ -144,7 +145,7 @@ def test_no_derivative_is_nan_at_rest_with_dead_slots(observation):
 def test_observations_change_as_their_derivatives_say():
     rng = np.random.default_rng(1)
     chain, change = lively(rng, 5), jnp.asarray(rng.normal(size=(5, 2)))
-    for observation in OBSERVATION_SIZES:
+    for observation in OBSERVATIONS:
         env = SCLD(TaskConfig(length=5, observation=observation))
 
         def seen(place, env=env):

@@ -7,7 +7,8 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.tasks.config import OBSERVATION_SIZES, TaskConfig
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.features import OBSERVATIONS, observation_size
 from salpchain.tasks.observations import observe
 from salpchain.tasks.reach.task import SCLD
 from tests.physics.poses import along, resting
@@ -102,19 +103,19 @@ def test_table1_does_depend_on_the_origin():
     assert np.abs(observe("table1", chain, target, state.force) - state.obs).max() > 1
 
 
-@pytest.mark.parametrize("name", OBSERVATION_SIZES)
+@pytest.mark.parametrize("name", OBSERVATIONS)
 def test_a_chain_in_more_slots_observes_what_it_observes_alone_and_dead_slots_nothing(name):
     alone, slotted = swum(5, observation=name), swum(5, slots=9, observation=name)
     np.testing.assert_allclose(slotted.obs[:5], alone.obs, atol=5e-5)
     assert not np.asarray(slotted.obs[5:]).any()
 
 
-@pytest.mark.parametrize("name", OBSERVATION_SIZES)
+@pytest.mark.parametrize("name", OBSERVATIONS)
 def test_a_batch_observes_what_each_chain_observes_alone(name):
     states = [swum(6, observation=name, seed=seed) for seed in range(3)]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *states)
     seen = jax.vmap(lambda c, t, f: observe(name, c, t, f))(batch.chain, batch.target, batch.force)
-    assert seen.shape == (3, 6, OBSERVATION_SIZES[name])
+    assert seen.shape == (3, 6, observation_size(name))
     np.testing.assert_allclose(seen, jnp.stack([s.obs for s in states]), atol=1e-5)
 
 

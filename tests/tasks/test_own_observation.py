@@ -1,0 +1,79 @@
+"""Observations of one's own, and features of what is around a chain."""
+
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import pytest
+
+from salpchain.errors import InputError
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.features import RAYS, layout, observation_size
+from salpchain.tasks.reach.task import SCLD
+from salpchain.world.current import Uniform
+from salpchain.world.obstacles import make_obstacles
+from salpchain.world.thrusters import Thrusters
+from salpchain.world.world import World
+from tests.own import FASTER
+
+AROUND = 5  # the last numbers of `around` are of the world
+
+
+def after_steps(env, steps=3):
+    state = env.reset(jr.key(0))
+    step = jax.jit(lambda state, action: env.step(state, action))
+    for _ in range(steps):
+        state = step(state, jnp.ones((env.config.length, 1)))
+    return state
+
+
+def test_an_observation_of_ones_own_is_seen_beside_those_of_the_package():
+    own = after_steps(SCLD(TaskConfig(4, "tests.own:FASTER")))
+    plain = after_steps(SCLD(TaskConfig(4, "proximity")))
+    np.testing.assert_array_equal(own.obs[:, :-1], plain.obs)
+    speed = np.linalg.norm(own.chain.units.velocity, axis=-1)
+    np.testing.assert_allclose(own.obs[:, -1], speed, rtol=1e-5)
+    assert observation_size("tests.own:FASTER") == sum(len(f.fields) for f in FASTER) == 25
+
+
+def test_around_tells_the_water_the_nearest_surface_and_the_own_thruster():
+    plain = after_steps(SCLD(TaskConfig(4, "around")))
+    assert not np.any(plain.obs[:, -3:-1]) and np.all(plain.obs[:, -1] == 1)
+    gain = jnp.array([1.0, 0.0, 0.5, 1.0])
+    at = plain.chain.units.position[0] + jnp.array([0.0, 0.1])
+    world = World(
+        current=Uniform((0.05, -0.02)),
+        thrusters=Thrusters(gain=gain),
+        obstacles=make_obstacles(posts=[(at, 0.01)]),
+    )
+    state = SCLD(TaskConfig(4, "around"), world).start(plain.chain, plain.target, jr.key(1))
+    angle = np.asarray(plain.chain.units.angle)
+    through = np.asarray(plain.chain.units.velocity) - [0.05, -0.02]
+    along = np.cos(angle) * through[:, 0] + np.sin(angle) * through[:, 1]
+    np.testing.assert_allclose(state.obs[:, -AROUND], 5 * along, rtol=1e-4, atol=1e-6)
+    assert np.linalg.norm(state.obs[0, -3:-1]) == pytest.approx(1 - 0.09 / 0.2, rel=1e-3)
+    np.testing.assert_array_equal(state.obs[:, -1], gain)
+
+
+def test_rays_are_clear_without_obstacles_and_named_one_by_one():
+    assert [field.name for field in RAYS.fields][::4] == [
+        "clear way at 0 degrees",
+        "clear way at 180 degrees",
+    ]
+    assert layout("around")[-1].name == "gain of the own thruster"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("bodies", "unknown observation 'bodies': choose one of body, table1, .* or one of your"),
+        ("nowhere:FASTER", "observation nowhere:FASTER: there is no module nowhere"),
+        ("tests.own:SLOWER", "tests.own has no SLOWER, it has .*FASTER"),
+        ("tests.own:NOT_FEATURES", "must be a tuple of features, .* got \\('speed', 'place'\\)"),
+        ("tests.own:AHEAD", "must be a tuple of features"),
+        ("", "unknown observation ''"),
+    ],
+)
+def test_no_such_observation_is_one_line(name, said):
+    with pytest.raises(InputError, match=said):
+        TaskConfig(observation=name)
