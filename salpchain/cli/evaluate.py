@@ -43,8 +43,6 @@ class Evaluate:
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     world: World = "still"
-    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
-    vortex, failing, noisy or rough (docs/world.md)."""
     out: Folder = ""
     """Folder for the two files. Results in it of another policy, or of other trials, are kept and
     these are refused. Default: evaluation in the run folder, else evaluation-NAME in the working

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 import tyro
 
 from salpchain.errors import InputError
+from salpchain.world.presets import WORLDS
 
 
 def text_option(metavar: str, name: str | None = None) -> Any:
@@ -20,7 +21,12 @@ Whole = Annotated[str, text_option("INT")]
 Name = Annotated[str, text_option("NAME")]
 Folder = Annotated[str, text_option("FOLDER")]
 Lengths = Annotated[str, text_option("FIRST:LAST:STEP | FIRST..LAST | N,N,...")]
-World = Annotated[str, text_option("NAME")]
+DRAWN = [name for name in WORLDS if name != "still"]
+WORLD = (
+    "Where it swims: still (the paper's; default), or a world drawn anew for each episode: "
+    f"{', '.join(DRAWN[:-1])} or {DRAWN[-1]} (docs/world.md)."
+)
+World = Annotated[str, tyro.conf.arg(metavar="NAME", help=WORLD, help_behavior_hint="")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)

@@ -38,8 +38,6 @@ class Replay:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     world: World = "still"
-    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
-    vortex, failing, noisy or rough (docs/world.md)."""
     overwrite: Flag = False
     """Replace the file if it exists."""
 

@@ -37,8 +37,6 @@ class Rollout:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     world: World = "still"
-    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
-    vortex, failing, noisy or rough (docs/world.md)."""
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write. One that holds another episode is kept, and this one refused."""
     overwrite: Flag = False

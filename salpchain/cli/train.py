@@ -5,7 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from salpchain.cli.options import Flag, Folder, Lengths, Name, Whole, decimals, text_option, whole
+from salpchain.cli.options import (
+    Flag,
+    Folder,
+    Lengths,
+    Name,
+    Whole,
+    World,
+    decimals,
+    text_option,
+    whole,
+)
 from salpchain.cli.settings import File, Sets, check_agrees, combined
 from salpchain.cli.streams import say
 from salpchain.controllers.named import is_name
@@ -67,9 +77,7 @@ class Train:
     (proximity without the place in the chain), metric (proximity with what is far in metres),
     around (proximity, the water, the nearest surface, the own thruster) or one of your own,
     module:NAME."""
-    world: Name = ""
-    """Where it trains: still (the paper's; default), or a world drawn anew for each episode:
-    current, vortex, failing, noisy or rough (docs/world.md)."""
+    world: World = ""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""

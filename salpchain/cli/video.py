@@ -50,8 +50,6 @@ class Video:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     world: World = "still"
-    """Where it swims: still (the paper's), or a world drawn anew for each episode: current,
-    vortex, failing, noisy or rough (docs/world.md)."""
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
     grid: Flag = False

@@ -41,7 +41,7 @@ from salpchain.tasks.features import observation_size
 from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
-from salpchain.world.randomise import as_world, draw_world
+from salpchain.world.randomise import as_world, draw_world, with_obstacles
 from salpchain.world.sensing import Senses, silenced
 from salpchain.world.world import World, of_episode
 from salpchain.xla import once
@@ -49,6 +49,7 @@ from salpchain.xla import once
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 WORLD_STREAM = 2  # makes the world of an episode independent of its start
 SENSE_STREAM, WATER_STREAM = 3, 4  # likewise what changes during an episode
+OBSTACLE_STREAM = 5  # likewise walls and posts
 
 
 class Task(eqx.Module):
@@ -165,6 +166,7 @@ class Task(eqx.Module):
     def _start(
         self, chain: Chain, target: Array, key: PRNGKeyArray, world: World, plan: Any
     ) -> State:
+        world = with_obstacles(world, jr.fold_in(key, OBSTACLE_STREAM), chain, target)
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
         now, senses = distances(chain, target), None

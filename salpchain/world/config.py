@@ -12,6 +12,8 @@ from salpchain.ranges import Range, as_range
 
 NONE, ONE, FIVE, TEN = (Range(x, x) for x in (0.0, 1.0, 5.0, 10.0))
 CORE = Range(0.2, 0.5)
+RADII, PIECES, ANGLES = Range(0.03, 0.08), Range(0.3, 0.6), Range(0.0, 1.5)
+ALONG, ASIDE = Range(0.1, 0.9), Range(0.0, 0.6)
 
 
 def _check(config: Any, name: str, low: float = 0.0, high: float = float("inf")) -> None:
@@ -120,6 +122,35 @@ MOST_DELAY = 20.0  # control steps (chosen)
 
 
 @dataclass(frozen=True)
+class ObstacleConfig:
+    """Walls and posts; none is put where it would cover the chain's start or its target."""
+
+    ROOM = "world.obstacles"
+
+    posts: Range = NONE  # how many
+    post_radius: Range = RADII  # m, of each by itself
+    walls: Range = NONE  # how many straight pieces
+    wall_length: Range = PIECES  # chain lengths, of each by itself
+    wall_angle: Range = ANGLES  # rad, between a piece and the way to the target, to either side
+    along: Range = ALONG  # where their centres are: fraction of the way to the target
+    aside: Range = ASIDE  # chain lengths from the way, to either side
+    room: Range = NONE  # chain lengths of free water round start and target, in four walls; 0: none
+
+    def __post_init__(self) -> None:
+        for name in ("posts", "walls"):
+            _check(self, name, 0.0, MOST_OBSTACLES)
+        _check(self, "post_radius", 0.01, 1.0)
+        _check(self, "wall_length", 0.05, 5.0)
+        _check(self, "wall_angle", 0.0, 1.6)
+        _check(self, "along", -1.0, 2.0)
+        for name in ("aside", "room"):
+            _check(self, name, 0.0, 10.0)
+
+
+MOST_OBSTACLES = 32.0  # of a kind (chosen)
+
+
+@dataclass(frozen=True)
 class WorldConfig:
     """A distribution over worlds, one of which is drawn for each episode.
 
@@ -132,6 +163,7 @@ class WorldConfig:
     current: CurrentConfig = field(default_factory=CurrentConfig)
     thrusters: ThrusterConfig = field(default_factory=ThrusterConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
+    obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
 
     @property
     def is_still(self) -> bool:

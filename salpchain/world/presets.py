@@ -8,6 +8,7 @@ from salpchain.ranges import Range
 from salpchain.world.config import (
     CurrentConfig,
     DynamicsConfig,
+    ObstacleConfig,
     SensingConfig,
     ThrusterConfig,
     WorldConfig,
@@ -28,6 +29,10 @@ WORLDS: dict[str, WorldConfig] = {
             stuck=Range(0.0, 0.05),
             delay=Range(0.0, 2.0),
         )
+    ),
+    "posts": WorldConfig(obstacles=ObstacleConfig(posts=Range(3.0, 8.0))),
+    "room": WorldConfig(
+        obstacles=ObstacleConfig(room=Range(0.3, 0.8), walls=Range(0.0, 2.0), posts=Range(0.0, 2.0))
     ),
     "rough": WorldConfig(
         dynamics=DynamicsConfig(

@@ -1,7 +1,7 @@
 """Worlds drawn for each episode from a `WorldConfig`."""
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import equinox as eqx
@@ -10,7 +10,7 @@ import jax.random as jr
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from salpchain.given import instance
-from salpchain.physics.state import Physics, Scalar
+from salpchain.physics.state import Chain, Physics, Scalar, at_rest
 from salpchain.ranges import Range
 from salpchain.world.config import (
     CurrentConfig,
@@ -20,6 +20,7 @@ from salpchain.world.config import (
     WorldConfig,
 )
 from salpchain.world.current import Current, Shear, Sum, Uniform, Vortex, Wandering
+from salpchain.world.placement import place_obstacles
 from salpchain.world.presets import world_config
 from salpchain.world.sensing import Sensing
 from salpchain.world.thrusters import Thrusters
@@ -51,6 +52,16 @@ def draw_world(
     )
 
 
+def with_obstacles(
+    world: World, key: PRNGKeyArray, chain: Chain, target: Float[Array, "unit 2"]
+) -> World:
+    """The world with the obstacles that its settings have, clear of a start and a target (m)."""
+    if world.drawn_from is None:
+        return world
+    placed = place_obstacles(world.drawn_from.obstacles, key, chain, target, world.dynamics)
+    return replace(world, obstacles=placed)
+
+
 WorldLike = World | WorldConfig | Physics | str | None
 
 
@@ -70,7 +81,8 @@ def as_world(given: WorldLike) -> World:
     instance("world", config, WorldConfig, "a World, a WorldConfig, a Physics or a name of one")
     if config.is_still:
         return World()
-    example = draw_world(config, jr.key(0), 2, 2, 1)
+    chain, key = at_rest(jnp.zeros((2, 2)), jnp.zeros(2)), jr.key(0)
+    example = with_obstacles(draw_world(config, key, 2, 2, 1), key, chain, jnp.zeros((2, 2)))
     return eqx.filter(example, eqx.is_array, inverse=True)
 
 
