@@ -90,6 +90,19 @@ def function(name: str, value: Any) -> Any:
     return value
 
 
+def functions(name: str, value: Any) -> tuple[Any, ...]:
+    """The functions; of a single one, it alone; of None, none.
+
+    Raises:
+        InputError: anything else, or anything else among them.
+    """
+    if value is None or callable(value):
+        return () if value is None else (value,)
+    if not isinstance(value, list | tuple) or not all(map(callable, value)):
+        raise InputError(f"{name} must be a function, or a list of them, got {told(value)}")
+    return tuple(value)
+
+
 def instance(name: str, value: Any, kind: type[Kind], right: str) -> Kind:
     """The value, which is of this class.
 

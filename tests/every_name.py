@@ -1,6 +1,7 @@
 # pyright: strict
 """A program that uses every public name, for the type checker: it is read and never run."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import reveal_type
@@ -43,7 +44,13 @@ config = salpchain.TrainConfig(
 reveal_type(replace(config, steps=1000))
 reveal_type(config.ppo.learning_rate)
 reveal_type(salpchain.preset("quick", length=8, settings={"ppo.learning_rate": 1e-3}))
-reveal_type(salpchain.train(config, "runs/one"))
+
+
+def log(metrics: Mapping[str, float], step: int) -> None:
+    print(step, metrics.get("success"))
+
+
+reveal_type(salpchain.train(config, "runs/one", on_iteration=[log, lambda metrics, step: None]))
 reveal_type(salpchain.resume(Path("runs/one")))
 reveal_type(salpchain.identity(policy))
 reveal_type(salpchain.evaluate(policy, [8, 16], 20, "scaled", 0, "results"))

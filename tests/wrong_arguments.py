@@ -89,7 +89,7 @@ SWIM = salpchain.Trajectory(**swim())
 STEER = salpchain.steering(POLICY, 3)
 ROBOT = {name: np.ones((3, 2)) for name in ("position", "velocity", "target", "force")}
 ROBOT |= {name: np.ones(3) for name in ("angle", "angular_velocity")}
-RUN = {"run": "run", "watch": None, "save_every": 20.0, "devices": None}
+RUN = {"run": "run", "on_iteration": print, "on_stage": None, "save_every": 20.0, "devices": None}
 STARTS = {"lengths": [3], "time_limit": "fixed", "seed": 0}
 FLAGS = {"out": None, "baseline": True, "progress": None, "overwrite": False}
 

@@ -1,7 +1,7 @@
 """Progress on the terminal: a live line there, a plain line now and then elsewhere."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -18,9 +18,9 @@ from rich.progress import (
 from salpchain.cli.streams import notices
 from salpchain.experiments.sweep import Overall
 from salpchain.training.config import TrainConfig
-from salpchain.training.run_log import Progress as TrainProgress
+from salpchain.training.run_log import Recent
 from salpchain.training.settings import changed
-from salpchain.training.trainer import Watch
+from salpchain.training.trainer import COMPILING, OnIteration, OnStage
 
 PLAIN_EVERY = 15.0  # s between lines where there is no terminal (chosen)
 PLAIN_MOVED = 2.0  # s between them where much was done meanwhile (chosen)
@@ -28,37 +28,70 @@ MOVED = 0.1  # share of the work that is much (chosen)
 
 
 @contextmanager
-def training_display(config: TrainConfig) -> Iterator[Watch]:
-    """A watcher that shows steps, steps/s, success, closed fraction and time left."""
+def training_display(config: TrainConfig) -> Iterator[tuple[OnIteration, OnStage]]:
+    """Shows steps, steps/s, success, closed fraction and time left: what a training tells to."""
     console = notices()
     bar = _bar(console)
     task = bar.add_task("", total=config.total_steps, speed="", score="")
-    plain = _plain(console)
+    shown, plain = Training(config), _plain(console, config)
 
-    def watch(now: TrainProgress) -> None:
-        if now.compiling:
-            other = len(changed(config))
-            but = f" but for {other} setting{'s' * (other > 1)}" if other else ""
-            preset = f"preset {config.preset}{but}"
-            about = f"training {config.policy_name}, {preset}, seed {config.seed}"
-            console.print(f"{about}: compiling", highlight=False)
-            if now.note:
-                console.print(now.note, highlight=False)
-            if console.is_terminal:
-                bar.reset(task, completed=now.steps)
-                bar.start()
-        elif now.evaluating:
-            console.print("evaluating the trained policy", highlight=False)
-        elif console.is_terminal:
-            bar.update(task, completed=now.steps, speed=_speed(now), score=_score(now))
-        else:
-            plain(now)
+    def iteration(metrics: Mapping[str, float], step: int) -> None:
+        if not shown.add(metrics):
+            return
+        if not console.is_terminal:
+            plain(shown, step)
+            return
+        if not bar.live.is_started:
+            bar.reset(task, completed=step)
+            bar.start()
+        bar.update(task, completed=step, speed=shown.speed, score=shown.score)
+
+    def stage(text: str) -> None:
+        console.print(_about(config) * (text == COMPILING) + text, highlight=False)
 
     try:
-        yield watch
+        yield iteration, stage
     finally:
         if bar.live.is_started:
             bar.stop()
+
+
+def _about(config: TrainConfig) -> str:
+    other = len(changed(config))
+    but = f" but for {other} setting{'s' * (other > 1)}" if other else ""
+    return f"training {config.policy_name}, preset {config.preset}{but}, seed {config.seed}: "
+
+
+class Training:
+    """What is shown of a training: its speed, its success, the time left."""
+
+    def __init__(self, config: TrainConfig) -> None:
+        """Nothing is done yet."""
+        self._batch, self._total = config.ppo.batch, config.total_steps
+        self._recent, self._seconds, self._steps = Recent(), 0.0, 0
+        self.speed = ""
+
+    def add(self, metrics: Mapping[str, float]) -> bool:
+        """Takes in the metrics of an iteration; returns whether they are of one."""
+        if "steps_per_second" not in metrics:
+            return False
+        self._recent.add(metrics)
+        self._seconds += self._batch / metrics["steps_per_second"]
+        self._steps += self._batch
+        self.speed = f"{metrics['steps_per_second']:,.0f} steps/s"
+        return True
+
+    @property
+    def score(self) -> str:
+        """Success and closed fraction of the latest whole cohorts."""
+        success, closed = self._recent.means()
+        if success is None or closed is None:
+            return "success: too early to tell"
+        return f"success {100 * success:.0f} %  closed {100 * closed:.0f} %"
+
+    def left(self, step: int) -> float:
+        """Seconds from this step to the end, at the mean speed so far."""
+        return (self._total - step) * self._seconds / self._steps
 
 
 def _bar(console: Console) -> Progress:
@@ -74,28 +107,18 @@ def _bar(console: Console) -> Progress:
     )
 
 
-def _plain(console: Console) -> Watch:
+def _plain(console: Console, config: TrainConfig) -> Callable[[Training, int], None]:
     last = -PLAIN_EVERY
 
-    def watch(now: TrainProgress) -> None:
+    def show(now: Training, step: int) -> None:
         nonlocal last
-        if time.monotonic() - last < PLAIN_EVERY and now.steps < now.total:
+        if time.monotonic() - last < PLAIN_EVERY and step < config.total_steps:
             return
         last = time.monotonic()
-        line = f"{now.steps:>9,} / {now.total:,} steps  {_speed(now)}  {_score(now)}"
-        console.print(f"{line}  {now.seconds_left:.0f} s left", highlight=False, soft_wrap=True)
+        line = f"{step:>9,} / {config.total_steps:,} steps  {now.speed}  {now.score}"
+        console.print(f"{line}  {now.left(step):.0f} s left", highlight=False, soft_wrap=True)
 
-    return watch
-
-
-def _speed(now: TrainProgress) -> str:
-    return f"{now.steps_per_second:,.0f} steps/s"
-
-
-def _score(now: TrainProgress) -> str:
-    if now.success is None or now.closed_fraction is None:
-        return "success: too early to tell"
-    return f"success {100 * now.success:.0f} %  closed {100 * now.closed_fraction:.0f} %"
+    return show
 
 
 @contextmanager

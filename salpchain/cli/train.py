@@ -118,8 +118,9 @@ def run(options: Train) -> int:
     from salpchain.training.trainer import resume, train
 
     try:
-        with training_display(config) as watch:
-            summary = resume(folder, watch) if options.resume else train(config, folder, watch)
+        with training_display(config) as (iteration, stage):
+            told = {"on_iteration": iteration, "on_stage": stage}
+            summary = resume(folder, **told) if options.resume else train(config, folder, **told)
     except KeyboardInterrupt:
         say(f"stopped. Go on with: salpchain train --resume --out {folder}")
         return 130

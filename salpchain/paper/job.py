@@ -21,7 +21,7 @@ from salpchain.evaluation.evaluate import evaluate_limits
 from salpchain.files import StrPath
 from salpchain.paper.grid import TEST_SEED, Grid, Job, read_grid
 from salpchain.paper.results import baseline_untested, is_trained, run_of, untested
-from salpchain.training.run_log import NotFiniteError, Progress
+from salpchain.training.run_log import NotFiniteError
 from salpchain.training.trainer import train_together
 
 PATIENCE = 300.0  # s for a process whose parent died to save and let go of its run (chosen)
@@ -44,8 +44,9 @@ def do_jobs(folder: StrPath, grid: Grid, jobs: Sequence[Job], devices: int | Non
         runs, stop = [run_of(folder, job) for job in fresh], _stop_with_parent()
         try:
             train_together(
-                [x.config for x in fresh], runs, stop, devices=devices, patience=PATIENCE
-            )
+                [x.config for x in fresh], runs, on_iteration=stop, devices=devices,
+                patience=PATIENCE,
+            )  # fmt: skip
         except NotFiniteError as error:
             broken = error
     for job in (job for job in jobs if is_trained(folder, job)):
@@ -67,18 +68,17 @@ def do_baseline(folder: StrPath, grid: Grid, devices: int | None = None) -> None
 def _test(
     controller: Controller, lengths: Lengths, limits: Sequence[str], grid: Grid, place: Path
 ) -> None:
-    stop = _stop_with_parent()
     evaluate_limits(
         controller, lengths, grid.trials, limits, TEST_SEED, place,
-        progress=lambda *_: stop(Progress(0, 0)),
+        progress=_stop_with_parent(),
     )  # fmt: skip
 
 
-def _stop_with_parent() -> Callable[[Progress], None]:
+def _stop_with_parent() -> Callable[..., None]:
     """A watcher that interrupts this process once the one that started it has died."""
     parent = os.getppid()
 
-    def watch(_: Progress) -> None:
+    def watch(*_: object) -> None:
         if os.getppid() != parent:
             raise KeyboardInterrupt
 

@@ -170,7 +170,7 @@ class MetricsLog:
         self._file = self.path.open("a", encoding="utf-8", newline="")
         self._board = SummaryWriter(str(Path(run) / "tensorboard"), purge_step=keep + 1)
 
-    def add(self, row: dict[str, int | float]) -> None:
+    def add(self, row: dict[str, float]) -> None:
         """One more iteration, on disk at once; no number is an empty cell."""
         writer = csv.DictWriter(self._file, row)
         if not self.rows:
@@ -181,7 +181,7 @@ class MetricsLog:
         self.rows.append(text)
         self.board(int(row["iteration"]), row)
 
-    def board(self, iteration: int, values: dict[str, int | float]) -> None:
+    def board(self, iteration: int, values: dict[str, float]) -> None:
         """TensorBoard scalars of an iteration; what is no number is left out."""
         for name, value in values.items():
             if value == value:
@@ -201,7 +201,7 @@ class EvaluationLog:
         self.path = Path(run) / EVALUATIONS_FILE
         self.rows = [row for row in _read_rows(self.path) if int(row["iteration"]) <= keep]
 
-    def add(self, rows: list[dict[str, int | float]]) -> None:
+    def add(self, rows: list[dict[str, float]]) -> None:
         """One more evaluation, on disk at once; one of the same iteration is replaced."""
         text = [{name: _cell(value) for name, value in row.items()} for row in rows]
         now = text[0]["iteration"]

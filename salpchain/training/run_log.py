@@ -7,6 +7,7 @@ success of a run is that of its closing evaluation.
 import math
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,26 +24,11 @@ from salpchain.world.presets import label
 
 RECENT = 200  # episodes of the latest whole cohorts over which success is shown (chosen)
 
-Row = dict[str, int | float]
+Row = dict[str, float]
 
 
 class NotFiniteError(RuntimeError):
     """A number that is not finite turned up in training; the message says where."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What a watcher of a run is told: before compilation, after each iteration, at the end."""
-
-    steps: int
-    total: int
-    compiling: bool = False
-    evaluating: bool = False  # the closing evaluation begins
-    steps_per_second: float = 0.0
-    success: float | None = None  # of the latest whole cohorts; None: too early to tell
-    closed_fraction: float | None = None
-    seconds_left: float = 0.0
-    note: str = ""  # what else there is to say, once before compilation
 
 
 @dataclass
@@ -51,7 +37,7 @@ class Recent:
 
     rollouts: deque[tuple[float, float, float]] = field(default_factory=deque)
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Mapping[str, float]) -> None:
         """Takes in one more rollout; forgets those that `RECENT` episodes no longer need."""
         if row["episodes"]:
             n = row["episodes"]
@@ -78,7 +64,6 @@ class Clock:
     def __init__(self, before: float) -> None:
         """Starts from the seconds of earlier sittings."""
         self.total, self._last = before, time.monotonic()
-        self._laps, self._in_laps = 0, 0.0
 
     def start_lap(self) -> None:
         """An iteration starts now; what came before belongs to none."""
@@ -89,17 +74,8 @@ class Clock:
         """Seconds since the last lap, added to the total."""
         now = time.monotonic()
         lap, self._last = now - self._last, now
-        self.total, self._in_laps, self._laps = (
-            self.total + lap,
-            self._in_laps + lap,
-            self._laps + 1,
-        )
+        self.total += lap
         return lap
-
-    @property
-    def pace(self) -> float:
-        """Mean seconds of an iteration in this session."""
-        return self._in_laps / self._laps
 
 
 class RunLog:
@@ -110,13 +86,12 @@ class RunLog:
         self.config, self.run = config, Path(run)
         self.log = run_folder.MetricsLog(run, iteration)
         self.evaluations = run_folder.EvaluationLog(run, iteration)
-        self.recent = Recent()
         self.broken: NotFiniteError | None = None
         rows = self.log.rows
         self.clock = Clock(float(rows[-1]["seconds"]) if rows else 0.0)
 
-    def add(self, iteration: int, metrics: Metrics) -> Progress | None:
-        """Writes one more iteration down; nothing from the first number on that is not finite."""
+    def add(self, iteration: int, metrics: Metrics) -> Row | None:
+        """The row of one more iteration, written down; none from the first bad number on."""
         if self.broken:
             return None
         row = _row(self.config, iteration, metrics, self.clock)
@@ -124,8 +99,7 @@ class RunLog:
         if self.broken:
             return None
         self.log.add(row)
-        self.recent.add(row)
-        return _progress(self.config, row, self.recent, self.clock.pace)
+        return row
 
     def save(self, learner: Learner) -> None:
         """Checkpoint and policy, unless the run is broken: then the last good ones are kept."""
@@ -133,11 +107,13 @@ class RunLog:
             save_checkpoint(learner, self.run)
             save_policy(_policy(self.config, learner), self.run / POLICY_FILE)
 
-    def evaluate(self, iteration: int, learner: Learner) -> None:
-        """Evaluates the learner's policy after an iteration of an unbroken run."""
-        if not self.broken:
-            self._evaluate(iteration, _policy(self.config, learner))
-            self.clock.start_lap()
+    def evaluate(self, iteration: int, learner: Learner) -> Row | None:
+        """What an evaluation of the learner's policy finds; nothing where the run is broken."""
+        if self.broken:
+            return None
+        result = self._evaluate(iteration, _policy(self.config, learner))
+        self.clock.start_lap()
+        return evaluation_metrics(result)
 
     def finish(self) -> dict[str, Any]:
         """Evaluates the trained policy, writes the summary of the run and returns it."""
@@ -151,7 +127,7 @@ class RunLog:
         result = evaluate_training(policy, self.config.lengths, self.config.world)
         steps = iteration * self.config.ppo.batch
         self.evaluations.add([_evaluated(iteration, steps, row) for row in result["lengths"]])
-        self.log.board(iteration, {"evaluation_success": result["success"]["mean"]})
+        self.log.board(iteration, evaluation_metrics(result))
         return result
 
     def close(self) -> None:
@@ -159,14 +135,29 @@ class RunLog:
         self.log.close()
 
 
+def evaluation_metrics(result: Evaluation) -> Row:
+    """An evaluation as numbers by name; success also for each of several lengths."""
+    success, closed = result["success"]["mean"], result["closed_fraction"]
+    found = {"evaluation_success": success, "evaluation_closed_fraction": closed}
+    if len(result["lengths"]) > 1:
+        for row in result["lengths"]:
+            found[f"evaluation_success_{row['length']}"] = row["success"]["mean"]
+    return found
+
+
+def without_gaps(row: Mapping[str, float]) -> dict[str, float]:
+    """The row without what it is too early to tell, which is not a number."""
+    return {name: value for name, value in row.items() if value == value}
+
+
 def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
     """A row of `evaluations.csv`."""
     mean, low, high = (row["success"][name] for name in ("mean", "low", "high"))
     return {
-        "iteration": iteration,
-        "steps": steps,
-        "length": row["length"],
-        "trials": row["trials"],
+        "iteration": float(iteration),
+        "steps": float(steps),
+        "length": float(row["length"]),
+        "trials": float(row["trials"]),
         "success": mean,
         "success_low": low,
         "success_high": high,
@@ -182,8 +173,8 @@ def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) ->
         return float(total.sum()) / episodes if episodes else math.nan
 
     return {
-        "iteration": iteration,
-        "steps": iteration * config.ppo.batch,
+        "iteration": float(iteration),
+        "steps": float(iteration * config.ppo.batch),
         "seconds": clock.total,
         "steps_per_second": config.ppo.batch / lap,
         "episodes": episodes,
@@ -203,19 +194,6 @@ def _by_length(config: TrainConfig, metrics: Metrics) -> Row:
         return {}
     counts = zip(config.lengths, metrics.cohort.episodes, metrics.cohort.goals, strict=True)
     return {f"success_{n}": float(goals) / float(of) if of else math.nan for n, of, goals in counts}
-
-
-def _progress(config: TrainConfig, row: Row, recent: Recent, pace: float) -> Progress:
-    success, closed = recent.means()
-    left = (config.iterations - row["iteration"]) * pace
-    return Progress(
-        steps=int(row["steps"]),
-        total=config.total_steps,
-        steps_per_second=row["steps_per_second"],
-        success=success,
-        closed_fraction=closed,
-        seconds_left=left,
-    )
 
 
 def _not_finite(iteration: int, metrics: Metrics, run: Path) -> NotFiniteError | None:

@@ -3,9 +3,9 @@
 import math
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,29 +15,42 @@ import jax.numpy as jnp
 
 from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
 from salpchain.files import StrPath, alone, read_json
-from salpchain.given import function, instance, path, seconds
+from salpchain.given import function, functions, instance, path, seconds
 from salpchain.switches import own_mesh
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import Learner, compile_iterate, new_learner, place
-from salpchain.training.run_log import Progress, RunLog
+from salpchain.training.run_log import RunLog, evaluation_metrics, without_gaps
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 
-Watch = Callable[[Progress], None]
+COMPILING = "compiling"
+EVALUATING = "evaluating the trained policy"
+
+OnIteration = Callable[[Mapping[str, float], int], None]
+OnIterations = OnIteration | Sequence[OnIteration] | None
+OnStage = Callable[[str], None]
 
 
 @own_mesh
 def train(
     config: TrainConfig,
     run: StrPath,
-    watch: Watch | None = None,
+    *,
+    on_iteration: OnIterations = None,
+    on_stage: OnStage | None = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
 ) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
+
+    After each iteration `on_iteration(metrics, step)` is called, or each of several such functions:
+    `metrics` are numbers by the names of the columns of `metrics.csv`, without those that it is too
+    early to tell, and `step` the chain-steps so far. An evaluation comes in a call of its own, its
+    names beginning with `evaluation_`. What a function raises stops the run after that iteration;
+    all up to there is saved. `on_stage(text)` is told what takes long: that it compiles, evaluates.
 
     Its chains are shared out over as many devices as given, or as there are; each iteration gives
     the same up to the order of sums, from which long trainings part.
@@ -46,28 +59,28 @@ def train(
         InputError: no settings, no path, a folder already used, or fewer devices than given.
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
+        Exception: whatever `on_iteration` raises; everything is saved.
     """
     instance("config", config, TrainConfig, 'a TrainConfig, such as salpchain.preset("quick")')
-    run = _checked(run, watch, save_every)
+    run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     run_folder.check_free(run)
     use_devices(devices)  # refused, if at all, before anything is written
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
         devices = _create(config, run, devices)
-        session = Session([config], [run], devices, watch, save_every)
-        session.tell(Progress(0, config.total_steps, compiling=True))
+        session = Session([config], [run], devices, listeners, save_every)
+        listeners.stage(COMPILING)
         learner = new_learner(config, session.env)
         save_checkpoint(learner, run)
         return _continue(session, [learner])[0]
 
 
-def _checked(run: StrPath, watch: Watch | None, save_every: float) -> Path:
+def _checked(run: StrPath, save_every: float) -> Path:
     """The folder of a run.
 
     Raises:
-        InputError: no path, or the others are not what they should be.
+        InputError: no path, or no time.
     """
-    function("watch", watch)
     seconds("save_every", save_every)
     return path("run", run)
 
@@ -105,7 +118,9 @@ def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> 
 @own_mesh
 def resume(
     run: StrPath,
-    watch: Watch | None = None,
+    *,
+    on_iteration: OnIterations = None,
+    on_stage: OnStage | None = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
 ) -> dict[str, Any]:
@@ -113,23 +128,23 @@ def resume(
 
     A finished run is left as it is, and its summary returned. A run that was killed before its
     first checkpoint starts again. Over another number of devices, given or because fewer are there
-    now, it goes on too, but sums are taken in another order.
+    now, it goes on too, but sums are taken in another order. Functions are told as by `train`.
 
     Raises:
         InputError: no run folder, a damaged checkpoint, one written under other switches of JAX,
             fewer devices than given, or another process is at it.
     """
-    run = _checked(run, watch, save_every)
+    run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     config, before = run_folder.read_config(run)
     if run_folder.is_finished(run):
         return read_json(run / run_folder.SUMMARY_FILE)
     with alone(run):
         devices, note = _go_on(run, config, before, devices)
-        session = Session([config], [run], devices, watch, save_every)
+        session = Session([config], [run], devices, listeners, save_every)
         learner = _saved_or_new(session.env, config, run)
-        done = int(learner.iteration) * config.ppo.batch
-        if done < config.total_steps:
-            session.tell(Progress(done, config.total_steps, compiling=True, note=note))
+        if int(learner.iteration) < config.iterations:
+            listeners.stage(COMPILING)
+            listeners.stage(note)
         return _continue(session, [learner])[0]
 
 
@@ -137,7 +152,8 @@ def resume(
 def train_together(
     configs: Sequence[TrainConfig],
     runs: Sequence[StrPath],
-    watch: Watch | None = None,
+    *,
+    on_iteration: OnIterations = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
     patience: float = 0.0,
@@ -146,12 +162,13 @@ def train_together(
 
     An accelerator that one run leaves idle serves them all in little more time. Each has a run
     folder of its own, as if alone. New runs are created and unfinished ones resumed; runs at the
-    same iteration train together. `patience`: s to wait for another process that is at one of them.
+    same iteration train together, and `on_iteration` is told the metrics of the first of them.
+    `patience`: s to wait for another process that is at one of them.
 
     Raises:
         As `train` and `resume`. A run whose numbers are not finite stops nothing but itself.
     """
-    runs = [Path(run) for run in runs]
+    runs, listeners = [Path(run) for run in runs], Listeners.checked(on_iteration)
     with ExitStack() as stack:
         for config, run in zip(configs, runs, strict=True):
             run.mkdir(parents=True, exist_ok=True)
@@ -166,7 +183,7 @@ def train_together(
         for iteration in sorted(set(come)):
             some = [i for i in range(len(runs)) if come[i] == iteration]
             session = Session(
-                [configs[i] for i in some], [runs[i] for i in some], devices, watch, save_every
+                [configs[i] for i in some], [runs[i] for i in some], devices, listeners, save_every
             )
             _continue(session, [learners[i] for i in some])
 
@@ -178,6 +195,39 @@ def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> Learner:
     return new()
 
 
+@dataclass
+class Listeners:
+    """Functions that are told how a training comes on, and the error of one that failed."""
+
+    on_iteration: Sequence[OnIteration]
+    on_stage: OnStage | None
+    error: BaseException | None = field(default=None, init=False)
+
+    @classmethod
+    def checked(cls, on_iteration: OnIterations, on_stage: OnStage | None = None) -> "Listeners":
+        """What the caller of a training gave.
+
+        Raises:
+            InputError: no functions.
+        """
+        return cls(functions("on_iteration", on_iteration), function("on_stage", on_stage))
+
+    def iteration(self, values: Mapping[str, float], step: int, run: Path) -> None:
+        """Tells the metrics at a step; after an error nothing more is told."""
+        try:
+            for call in self.on_iteration if not self.error else ():
+                call(without_gaps(values), step)
+        except BaseException as error:  # whatever it is, what was learned is saved first
+            resume = f"salpchain.resume({str(run)!r}) goes on"
+            error.add_note(f"on_iteration stopped the training at step {step:,}; {resume}")
+            self.error = error
+
+    def stage(self, text: str) -> None:
+        """Tells what begins, if there is something to tell."""
+        if self.on_stage and text:
+            self.on_stage(text)
+
+
 @dataclass(frozen=True)
 class Session:
     """Settings that stay fixed from start or resume until the runs stop."""
@@ -185,7 +235,7 @@ class Session:
     configs: list[TrainConfig]  # equal but for their seeds
     runs: list[Path]
     devices: int
-    watch: Watch | None
+    listeners: Listeners
     save_every: float  # s
 
     @property
@@ -193,26 +243,30 @@ class Session:
         """The task of all."""
         return SCLD(self.configs[0].task, self.configs[0].world)
 
-    def tell(self, progress: Progress | None) -> None:
-        """Tells the watcher, if there is one."""
-        if self.watch and progress:
-            self.watch(progress)
+    def tell(self, each: Sequence[Mapping[str, float] | None], iteration: int) -> None:
+        """Tells the metrics of the first of several runs that has any."""
+        first = next(((own, run) for own, run in zip(each, self.runs, strict=True) if own), None)
+        if first:
+            self.listeners.iteration(first[0], iteration * self.configs[0].ppo.batch, first[1])
 
 
 def _continue(session: Session, learners: list[Learner]) -> list[dict[str, Any]]:
-    config = session.configs[0]
+    config, listeners = session.configs[0], session.listeners
     with _stop_on_signal() as stopped, _run_logs(session, int(learners[0].iteration)) as run_logs:
         come = _iterate(session, learners, run_logs, stopped)
         broken = [run_log.broken for run_log in run_logs if run_log.broken]
-        whole = [run_log for run_log in run_logs if not run_log.broken]
+        if listeners.error:
+            raise listeners.error
         if stopped() or (come < config.iterations and not broken):
             raise KeyboardInterrupt
         if come == config.iterations:
-            session.tell(Progress(config.total_steps, config.total_steps, evaluating=True))
-        done = [run_log.finish() for run_log in whole]
-    for error in broken:
-        raise error
-    return done
+            listeners.stage(EVALUATING)
+        done = [None if run_log.broken else run_log.finish() for run_log in run_logs]
+        session.tell([x and evaluation_metrics(x["evaluation"]) for x in done], come)
+    for error in [*broken, listeners.error]:
+        if error:
+            raise error
+    return [summary for summary in done if summary]
 
 
 @contextmanager
@@ -245,12 +299,12 @@ def _iterate(
     for come in range(first + 1, last + 1):
         learner, metrics = step(learner)
         each = _unstack(jax.device_get(metrics), len(run_logs))
-        told = [run_log.add(come, own) for run_log, own in zip(run_logs, each, strict=True)]
-        session.tell(next((progress for progress in told if progress), None))
+        rows = [run_log.add(come, own) for run_log, own in zip(run_logs, each, strict=True)]
+        session.tell(rows, come)
         if config.is_evaluated_at(come):
-            for run_log, own in zip(run_logs, _unstack(learner, len(run_logs)), strict=True):
-                run_log.evaluate(come, own)
-        if stopped() or not any(told):
+            both = zip(run_logs, _unstack(learner, len(run_logs)), strict=True)
+            session.tell([run_log.evaluate(come, own) for run_log, own in both], come)
+        if stopped() or session.listeners.error or not any(rows):
             break
         if time.monotonic() - saved > session.save_every:
             _save(run_logs, learner)

@@ -141,13 +141,13 @@ def test_a_run_on_several_lengths_logs_each_and_goes_on_where_it_was(tmp_path):
     config = mixed(Mix((2, 3), (2.0, 1.0), grow=0.5), ppo=dataclasses.replace(small().ppo, envs=32))
     config = dataclasses.replace(config, steps=3 * config.ppo.batch)
 
-    def stop(progress):
-        if progress.steps >= 2 * config.ppo.batch:
+    def stop(metrics, step):
+        if step >= 2 * config.ppo.batch:
             raise KeyboardInterrupt
 
     train(config, tmp_path / "whole", devices=1)
     with pytest.raises(KeyboardInterrupt):
-        train(config, tmp_path / "cut", stop, save_every=0.0, devices=1)
+        train(config, tmp_path / "cut", on_iteration=stop, devices=1)
     assert read_config(tmp_path / "cut")[0] == config
     resume(tmp_path / "cut")
     kept = [(tmp_path / name / "checkpoint.safetensors").read_bytes() for name in ("whole", "cut")]

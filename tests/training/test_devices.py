@@ -62,12 +62,14 @@ def test_seeds_side_by_side_learn_what_each_does_alone(alone, tmp_path):
 
 
 def test_seeds_that_were_stopped_at_different_iterations_all_come_to_their_end(alone, tmp_path):
-    def stop(progress):
-        if progress.steps >= 2 * SEEDS[0].ppo.batch:
-            raise KeyboardInterrupt
+    def stop(metrics, step):
+        if step >= 2 * SEEDS[0].ppo.batch:
+            raise ValueError("that will do")
 
-    with pytest.raises(KeyboardInterrupt):
-        train(SEEDS[0], tmp_path / "0", stop, save_every=0.0, devices=1)
+    with pytest.raises(ValueError, match="that will do") as stopped:
+        train(SEEDS[0], tmp_path / "0", on_iteration=stop, devices=1)
+    (said,) = stopped.value.__notes__
+    assert "step 256; salpchain.resume(" in said and len(rows(tmp_path / "0")) == 2
     train_together(SEEDS, folders(tmp_path), devices=1)
     kept = (tmp_path / "0" / CHECKPOINT_FILE).read_bytes()
     assert kept == (alone / "0" / CHECKPOINT_FILE).read_bytes()

@@ -12,12 +12,15 @@ from salpchain.training import evaluations
 from salpchain.training.trainer import train
 from tests.training.small import small
 
+TOLD = []
+
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A run that ends before its first cohort is whole, evaluated three times."""
     folder = tmp_path_factory.mktemp("run") / "run"
-    train(dataclasses.replace(small(6), evaluations=3), folder)
+    both = (lambda metrics, step: metrics.clear(), lambda *told: TOLD.append(told))
+    train(dataclasses.replace(small(6), evaluations=3), folder, on_iteration=both)
     return folder
 
 
@@ -39,6 +42,19 @@ def test_before_the_first_cohort_is_whole_it_is_too_early_to_tell(run):
     assert all(row["success"] == "" and row["episodes"] == "0" for row in rows(run / "metrics.csv"))
     summary = json.loads((run / "summary.json").read_text())
     assert summary["in_training"] == {"success": None, "closed_fraction": None}
+
+
+def test_functions_are_told_what_the_files_say_without_what_is_too_early_to_tell(run):
+    batch = small(6).ppo.batch
+    assert [step // batch for _, step in TOLD] == [1, 2, 2, 3, 4, 4, 5, 6, 6]
+    rollouts = [metrics for metrics, _ in TOLD if "iteration" in metrics]
+    for metrics, row in zip(rollouts, rows(run / "metrics.csv"), strict=True):
+        written = {name: float(cell) for name, cell in row.items() if cell}
+        assert metrics == pytest.approx(written, rel=1e-6) and "update_value" in metrics
+    tested = [metrics for metrics, _ in TOLD if "iteration" not in metrics]
+    for metrics, row in zip(tested, rows(run / "evaluations.csv"), strict=True):
+        assert metrics["evaluation_success"] == pytest.approx(float(row["success"]))
+        assert len(metrics) == 2
 
 
 def test_evaluations_on_the_way_are_evenly_spaced_and_the_last_is_the_closing_one(run):

@@ -170,8 +170,8 @@ def test_a_log_that_was_lost_does_not_stop_a_run(undisturbed, tmp_path):
 def test_a_run_killed_before_its_summary_gets_it_and_compiles_nothing(undisturbed, tmp_path):
     copy_of(undisturbed, tmp_path)
     told = []
-    resume(tmp_path, told.append)
-    assert [now.evaluating for now in told] == [True] and (tmp_path / "summary.json").exists()
+    resume(tmp_path, on_stage=told.append)
+    assert told == ["evaluating the trained policy"] and (tmp_path / "summary.json").exists()
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ from salpchain.training.run_log import Recent
 
 
 def rollout(episodes, success):
-    return {"episodes": episodes, "success": success, "closed_fraction": success}
+    return {"episodes": float(episodes), "success": success, "closed_fraction": success}
 
 
 def test_success_is_that_of_the_latest_200_episodes():

@@ -76,8 +76,8 @@ def test_a_run_of_more_devices_than_there_are_goes_on_and_says_so(run):
     (run / "summary.json").unlink()
     (run / "checkpoint.safetensors").unlink()
     told = []
-    resume(run, told.append)
-    assert told[0].note.startswith("goes on over ") and "64 devices" in told[0].note
+    resume(run, on_stage=told.append)
+    assert told[1].startswith("goes on over ") and "64 devices" in told[1]
     assert json.loads(path.read_text())["devices"] < 64
     assert (run / "summary.json").exists()
 
