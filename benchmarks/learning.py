@@ -27,7 +27,7 @@ from salpchain.networks.layers import Head, Linear, head
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import TrainConfig
-from salpchain.training.learner import compile_iterate, new_learner, place
+from salpchain.training.learner import compile_iterate, new_state, place
 from salpchain.training.presets import choose
 from salpchain.xla import flat_products
 
@@ -41,7 +41,7 @@ INPUTS, ACTIONS = observation_size("table1"), 2
 def iterations(config: TrainConfig, devices: int) -> float:
     """Chain-steps per second of training with these settings."""
     env, mesh = SCLD(config.task, config.world), mesh_of(largest_divisor(config.ppo.envs, devices))
-    learner = place(new_learner(config, env), mesh)
+    learner = place(new_state(config, env), mesh)
     iterate = compile_iterate(config, env, mesh, learner)
     learner, _ = jax.block_until_ready(iterate(learner))
     begun, number = time.perf_counter(), 0

@@ -31,6 +31,9 @@ _PUBLIC = {
     "Mix": "salpchain.training.config",
     "TrainConfig": "salpchain.training.config",
     "preset": "salpchain.training.settings",
+    "Learner": "salpchain.training.loop",
+    "new_learner": "salpchain.training.loop",
+    "iterate": "salpchain.training.loop",
     "train": "salpchain.training.trainer",
     "resume": "salpchain.training.trainer",
     "evaluate": "salpchain.evaluation.evaluate",
@@ -67,6 +70,9 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig
+    from salpchain.training.loop import Learner as Learner
+    from salpchain.training.loop import iterate as iterate
+    from salpchain.training.loop import new_learner as new_learner
     from salpchain.training.settings import preset as preset
     from salpchain.training.trainer import resume as resume
     from salpchain.training.trainer import train as train

@@ -52,6 +52,12 @@ def log(metrics: Mapping[str, float], step: int) -> None:
 
 reveal_type(salpchain.train(config, "runs/one", on_iteration=[log, lambda metrics, step: None]))
 reveal_type(salpchain.resume(Path("runs/one")))
+
+learner: salpchain.Learner = salpchain.new_learner(config, devices=1)
+learner, metrics = salpchain.iterate(learner)
+reveal_type(metrics["update_value"])
+reveal_type(learner.policy)
+reveal_type(learner.steps)
 reveal_type(salpchain.identity(policy))
 reveal_type(salpchain.evaluate(policy, [8, 16], 20, "scaled", 0, "results"))
 (swim,) = salpchain.record(policy, [8])

@@ -17,7 +17,8 @@ from salpchain.training import run_folder
 ROOT = Path(__file__).parent.parent
 LONGEST = 300  # characters of a message that is still read; a list of settings is the longest
 # Records that the package fills, a protocol, an exception, a function without arguments
-UNASKED = {"Bodies", "Chain", "State", "Policy", "Controller", "InputError", "use_cache"}
+UNASKED = {"Bodies", "Chain", "State", "Policy", "Controller", "Learner", "InputError"}
+UNASKED |= {"use_cache"}
 
 
 def run(words, **variables):

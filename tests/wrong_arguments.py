@@ -10,6 +10,7 @@ import sys
 import tempfile
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +21,7 @@ import salpchain
 import salpchain.controllers.steering as poses
 import salpchain.evaluation.evaluate as testing
 import salpchain.evaluation.recording as recording
+import salpchain.training.loop as loop
 import salpchain.training.trainer as training
 from salpchain import devices  # noqa: F401 - SEEN uses it
 from salpchain.evaluation import kept  # noqa: F401 - SEEN uses it
@@ -42,7 +44,7 @@ def work(*given, **named):
 
 
 testing._play = recording._begin = poses._play = work
-training._create = training.Session = work
+training._create = training.Session = loop._Program = work
 picture.Figure = replay.page = video.frames = figures.Figure = figures.transfer_figure = work
 
 
@@ -86,6 +88,7 @@ OTHER = ones(jax.eval_shape(salpchain.SCLD(POLICY.card.task(4)).reset, KEY))
 MPC = salpchain.MPC()
 PLAN = ones(jax.eval_shape(MPC.begin, STATE))
 SWIM = salpchain.Trajectory(**swim())
+LEARNER = salpchain.Learner(CONFIG, CONFIG.iterations - 1, STATE, SimpleNamespace(run=work))
 STEER = salpchain.steering(POLICY, 3)
 ROBOT = {name: np.ones((3, 2)) for name in ("position", "velocity", "target", "force")}
 ROBOT |= {name: np.ones(3) for name in ("angle", "angular_velocity")}
@@ -100,6 +103,8 @@ GOOD = {
     "record": (salpchain.record, {"controller": POLICY, **STARTS, "trial": 0}),
     "train": (salpchain.train, {"config": CONFIG, **RUN}),
     "resume": (salpchain.resume, {**RUN, "run": "begun"}),
+    "new_learner": (salpchain.new_learner, {"config": CONFIG, "devices": None}),
+    "iterate": (salpchain.iterate, {"learner": LEARNER}),
     "preset": (
         salpchain.preset,
         {"name": "quick", "length": 3, "model": "gcn", "graph": "mixed", "seed": 0, "settings": {}},

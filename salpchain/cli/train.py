@@ -114,7 +114,7 @@ def run(options: Train) -> int:
         _advise(folder)
         return 0
     from salpchain.cli.display import training_display
-    from salpchain.training.run_log import NotFiniteError
+    from salpchain.training.metrics import NotFiniteError
     from salpchain.training.trainer import resume, train
 
     try:

@@ -21,7 +21,7 @@ from salpchain.evaluation.evaluate import evaluate_limits
 from salpchain.files import StrPath
 from salpchain.paper.grid import TEST_SEED, Grid, Job, read_grid
 from salpchain.paper.results import baseline_untested, is_trained, run_of, untested
-from salpchain.training.run_log import NotFiniteError
+from salpchain.training.metrics import NotFiniteError
 from salpchain.training.trainer import train_together
 
 PATIENCE = 300.0  # s for a process whose parent died to save and let go of its run (chosen)

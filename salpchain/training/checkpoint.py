@@ -8,7 +8,7 @@ from jaxtyping import PRNGKeyArray
 
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
-from salpchain.training.learner import Learner
+from salpchain.training.learner import TrainState
 from salpchain.trees import from_arrays, to_arrays
 
 KIND = "checkpoint"
@@ -21,7 +21,7 @@ REMEDIES = {  # by what a checkpoint says of the process that wrote it
 CHECKPOINT_FILE = "checkpoint.safetensors"
 
 
-def save_checkpoint(learner: Learner, run: StrPath) -> None:
+def save_checkpoint(learner: TrainState, run: StrPath) -> None:
     """The learner as one file in the run folder; the one before is replaced only by a whole one.
 
     Raises:
@@ -33,12 +33,12 @@ def save_checkpoint(learner: Learner, run: StrPath) -> None:
     write_arrays(Path(run) / CHECKPOINT_FILE, KIND, VERSION, header, to_arrays(learner))
 
 
-def _written_by(learner: Learner, key: PRNGKeyArray) -> dict[str, str]:
+def _written_by(learner: TrainState, key: PRNGKeyArray) -> dict[str, str]:
     """The type of its numbers and the kind of its random keys, which JAX's switches decide."""
     return {"floats": str(learner.states.reward.dtype), "keys": str(jr.key_impl(key))}
 
 
-def load_checkpoint(run: StrPath, template: Learner) -> Learner:
+def load_checkpoint(run: StrPath, template: TrainState) -> TrainState:
     """The learner saved last.
 
     Raises:
@@ -53,7 +53,7 @@ def load_checkpoint(run: StrPath, template: Learner) -> Learner:
     return from_arrays(template, arrays, str(path))
 
 
-def _check_switches(path: Path, header: dict[str, Any], template: Learner) -> None:
+def _check_switches(path: Path, header: dict[str, Any], template: TrainState) -> None:
     """Raise InputError unless numbers and keys are of the kinds that this process works with."""
     if header.get("layout") != LAYOUT:
         raise InputError(f"{path} is of an older salpchain: train anew in another folder")

@@ -1,5 +1,6 @@
-"""One iteration of training as a pure, compiled function of the learner's state."""
+"""One iteration of training as a pure, compiled function of a state."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, cast
@@ -13,7 +14,8 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from salpchain.devices import AXIS
+from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.devices import AXIS, largest_divisor, use_devices
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
@@ -22,9 +24,10 @@ from salpchain.training.config import TrainConfig
 from salpchain.training.curriculum import Curriculum, advance, draw_length, new_curriculum
 from salpchain.training.ppo import Losses, improve, optimiser, training_samples
 from salpchain.training.rollout import Outcome, Sample, collect, values
+from salpchain.world.presets import label
 
 
-class Learner(eqx.Module):
+class TrainState(eqx.Module):
     """All that training carries from one iteration to the next: saved and restored bit for bit."""
 
     policy: ActorCritic
@@ -54,11 +57,11 @@ class Metrics(eqx.Module):
     finite: Finite
 
 
-def new_learner(config: TrainConfig, env: SCLD) -> Learner:
+def new_state(config: TrainConfig, env: SCLD) -> TrainState:
     """A learner before its first step; all randomness follows from `config.seed`."""
 
     @jax.jit  # op by op, each would be compiled for itself
-    def new(key: PRNGKeyArray) -> Learner:
+    def new(key: PRNGKeyArray) -> TrainState:
         weights_key, reset_key, key = jr.split(key, 3)
         policy = actor_critic(
             weights_key, config.control, env.observation_size, env.action_size, config.task.length
@@ -70,32 +73,61 @@ def new_learner(config: TrainConfig, env: SCLD) -> Learner:
         states = jax.vmap(env.reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
         cohorts = no_cohorts(config.task.step_limit, config.ppo.rollout, len(config.lengths))
-        return Learner(policy, state, states, cohorts, curriculum, key, jnp.int32(0))
+        return TrainState(policy, state, states, cohorts, curriculum, key, jnp.int32(0))
 
     return new(jr.key(config.seed))
 
 
-def place(learner: Learner, mesh: Mesh) -> Learner:
+def divided_over(config: TrainConfig, devices: int | None, or_fewer: bool = False) -> int:
+    """Over how many of these devices the chains of a run are divided; None: of those there are.
+
+    Raises:
+        InputError: fewer devices than asked for.
+    """
+    return largest_divisor(
+        math.gcd(config.ppo.envs, config.ppo.minibatch), use_devices(devices, or_fewer)
+    )
+
+
+def policy_of(config: TrainConfig, network: ActorCritic, steps: int) -> Policy:
+    """The policy with a network after so many chain-steps of training, and its card."""
+    card = PolicyCard(
+        name=config.policy_name,
+        control=config.control,
+        observation=config.task.observation,
+        action=config.task.action,
+        length=config.task.length,
+        lengths=config.lengths,
+        steps=steps,
+        world=label(config.world),
+    )
+    return Policy(network, card)
+
+
+def place(learner: TrainState, mesh: Mesh) -> TrainState:
     """The learner with its chains shared out over the mesh, all else on every device."""
     return jax.tree.map(
         lambda x, spec: jax.device_put(x, NamedSharding(mesh, spec)), learner, _specs(learner)
     )
 
 
-def _specs(learner: Learner) -> Learner:
+def _specs(learner: TrainState) -> TrainState:
     lead = (None,) * learner.iteration.ndim  # of learners side by side
     specs = jax.tree.map(lambda _: Spec(), learner)
     shared = jax.tree.map(lambda _: Spec(*lead, AXIS), learner.states)
     return eqx.tree_at(lambda x: x.states, specs, shared, is_leaf=lambda x: x is None)
 
 
-Iterate = Callable[[Learner], tuple[Learner, Metrics]]
+Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
 
 
-def compile_iterate(config: TrainConfig, env: SCLD, mesh: Mesh, learner: Learner) -> Iterate:
+def compile_iterate(
+    config: TrainConfig, env: SCLD, mesh: Mesh, learner: TrainState, donate: bool = True
+) -> Iterate:
     """`iterate` over the mesh, compiled for this learner's shapes.
 
-    The learner may be several side by side, with a leading axis; then so are the metrics.
+    The learner may be several side by side, with a leading axis; then so are the metrics. Unless
+    `donate` is false, the memory of the one that it is given is used for the one that it returns.
     """
     specs, one = _specs(learner), partial(iterate, config, env)
     sharded = jax.shard_map(
@@ -105,10 +137,10 @@ def compile_iterate(config: TrainConfig, env: SCLD, mesh: Mesh, learner: Learner
         out_specs=(specs, Spec()),
         check_vma=False,
     )
-    return jax.jit(sharded, donate_argnums=0).lower(learner).compile()
+    return jax.jit(sharded, donate_argnums=(0,) if donate else ()).lower(learner).compile()
 
 
-def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, Metrics]:
+def iterate(config: TrainConfig, env: SCLD, learner: TrainState) -> tuple[TrainState, Metrics]:
     """A rollout and the update from it, on one device's share of the chains."""
     ppo = config.ppo
     act_key, shuffle_key, key = jr.split(learner.key, 3)
@@ -123,7 +155,7 @@ def iterate(config: TrainConfig, env: SCLD, learner: Learner) -> tuple[Learner, 
     )  # fmt: skip
     cohorts, cohort = count(learner.cohorts, outcomes, config.lengths)
     curriculum = advance(config, learner.curriculum, cohort.episodes, cohort.goals)
-    after = Learner(
+    after = TrainState(
         policy, optimiser_state, states, cohorts, curriculum, key, learner.iteration + 1
     )  # fmt: skip
     return after, metrics(policy, losses, samples, outcomes, cohort)

@@ -4,7 +4,6 @@ Success in training is that of whole start cohorts (`cohorts`), of the policy as
 success of a run is that of its closing evaluation.
 """
 
-import math
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -12,23 +11,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import POLICY_FILE, load, save_policy
 from salpchain.files import StrPath, write_json
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import save_checkpoint
 from salpchain.training.config import TrainConfig
 from salpchain.training.evaluations import Evaluation, evaluate_training
-from salpchain.training.learner import Learner, Metrics
-from salpchain.world.presets import label
+from salpchain.training.learner import Metrics, TrainState, policy_of
+from salpchain.training.metrics import NotFiniteError, Row, evaluated, measured, not_finite
 
 RECENT = 200  # episodes of the latest whole cohorts over which success is shown (chosen)
-
-Row = dict[str, float]
-
-
-class NotFiniteError(RuntimeError):
-    """A number that is not finite turned up in training; the message says where."""
 
 
 @dataclass
@@ -95,25 +88,27 @@ class RunLog:
         if self.broken:
             return None
         row = _row(self.config, iteration, metrics, self.clock)
-        self.broken = _not_finite(iteration, metrics, self.run)
+        self.broken = not_finite(
+            iteration, metrics, f"the last good checkpoint is kept in {self.run}"
+        )
         if self.broken:
             return None
         self.log.add(row)
         return row
 
-    def save(self, learner: Learner) -> None:
+    def save(self, learner: TrainState) -> None:
         """Checkpoint and policy, unless the run is broken: then the last good ones are kept."""
         if not self.broken:
             save_checkpoint(learner, self.run)
             save_policy(_policy(self.config, learner), self.run / POLICY_FILE)
 
-    def evaluate(self, iteration: int, learner: Learner) -> Row | None:
+    def evaluate(self, iteration: int, learner: TrainState) -> Row | None:
         """What an evaluation of the learner's policy finds; nothing where the run is broken."""
         if self.broken:
             return None
         result = self._evaluate(iteration, _policy(self.config, learner))
         self.clock.start_lap()
-        return evaluation_metrics(result)
+        return evaluated(result)
 
     def finish(self) -> dict[str, Any]:
         """Evaluates the trained policy, writes the summary of the run and returns it."""
@@ -127,27 +122,12 @@ class RunLog:
         result = evaluate_training(policy, self.config.lengths, self.config.world)
         steps = iteration * self.config.ppo.batch
         self.evaluations.add([_evaluated(iteration, steps, row) for row in result["lengths"]])
-        self.log.board(iteration, evaluation_metrics(result))
+        self.log.board(iteration, evaluated(result))
         return result
 
     def close(self) -> None:
         """Flushes the logs."""
         self.log.close()
-
-
-def evaluation_metrics(result: Evaluation) -> Row:
-    """An evaluation as numbers by name; success also for each of several lengths."""
-    success, closed = result["success"]["mean"], result["closed_fraction"]
-    found = {"evaluation_success": success, "evaluation_closed_fraction": closed}
-    if len(result["lengths"]) > 1:
-        for row in result["lengths"]:
-            found[f"evaluation_success_{row['length']}"] = row["success"]["mean"]
-    return found
-
-
-def without_gaps(row: Mapping[str, float]) -> dict[str, float]:
-    """The row without what it is too early to tell, which is not a number."""
-    return {name: value for name, value in row.items() if value == value}
 
 
 def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
@@ -166,60 +146,18 @@ def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
 
 
 def _row(config: TrainConfig, iteration: int, metrics: Metrics, clock: Clock) -> Row:
-    lap, cohort = clock.lap(), metrics.cohort
-    episodes = float(cohort.episodes.sum())
-
-    def mean(total: Any) -> float:
-        return float(total.sum()) / episodes if episodes else math.nan
-
+    lap = clock.lap()
     return {
         "iteration": float(iteration),
         "steps": float(iteration * config.ppo.batch),
         "seconds": clock.total,
         "steps_per_second": config.ppo.batch / lap,
-        "episodes": episodes,
-        "success": mean(cohort.goals),
-        "closed_fraction": mean(cohort.closed),
-        "episode_steps": mean(cohort.lasted),
-        "episode_return": mean(cohort.returns),
-        **_by_length(config, metrics),
-        **{f"reward_{name}": float(value) for name, value in metrics.terms.items()},
-        **{f"update_{name}": float(value) for name, value in vars(metrics.losses).items()},
+        **measured(config, metrics),
     }
 
 
-def _by_length(config: TrainConfig, metrics: Metrics) -> Row:
-    """Success at each of several training lengths; not a number where no episode counts."""
-    if len(config.lengths) == 1:
-        return {}
-    counts = zip(config.lengths, metrics.cohort.episodes, metrics.cohort.goals, strict=True)
-    return {f"success_{n}": float(goals) / float(of) if of else math.nan for n, of, goals in counts}
-
-
-def _not_finite(iteration: int, metrics: Metrics, run: Path) -> NotFiniteError | None:
-    """What to say if a number is not finite: names the first, in the order in which they arise."""
-    bad = [name for name, fine in vars(metrics.finite).items() if not bool(fine)]
-    if not bad:
-        return None
-    return NotFiniteError(
-        f"training stopped at iteration {iteration}: not a finite number in the"
-        f" {bad[0]} (also: {', '.join(bad[1:]) or 'nothing else'}); the last good checkpoint"
-        f" is kept in {run}; try a lower learning rate or another seed"
-    )
-
-
-def _policy(config: TrainConfig, learner: Learner) -> Policy:
-    card = PolicyCard(
-        name=config.policy_name,
-        control=config.control,
-        observation=config.task.observation,
-        action=config.task.action,
-        length=config.task.length,
-        lengths=config.lengths,
-        steps=int(learner.iteration) * config.ppo.batch,
-        world=label(config.world),
-    )
-    return Policy(learner.policy, card)
+def _policy(config: TrainConfig, learner: TrainState) -> Policy:
+    return policy_of(config, learner.policy, int(learner.iteration) * config.ppo.batch)
 
 
 def _summary(

@@ -1,6 +1,5 @@
 """Training runs: start, watch, stop, resume. The work of one iteration is in `learner`."""
 
-import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from salpchain.devices import device_name, largest_divisor, mesh_of, use_devices
+from salpchain.devices import device_name, mesh_of, use_devices
 from salpchain.files import StrPath, alone, read_json
 from salpchain.given import function, functions, instance, path, seconds
 from salpchain.switches import own_mesh
@@ -21,8 +20,9 @@ from salpchain.tasks.reach.task import SCLD
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
-from salpchain.training.learner import Learner, compile_iterate, new_learner, place
-from salpchain.training.run_log import RunLog, evaluation_metrics, without_gaps
+from salpchain.training.learner import TrainState, compile_iterate, divided_over, new_state, place
+from salpchain.training.metrics import evaluated, without_gaps
+from salpchain.training.run_log import RunLog
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 
@@ -70,7 +70,7 @@ def train(
         devices = _create(config, run, devices)
         session = Session([config], [run], devices, listeners, save_every)
         listeners.stage(COMPILING)
-        learner = new_learner(config, session.env)
+        learner = new_state(config, session.env)
         save_checkpoint(learner, run)
         return _continue(session, [learner])[0]
 
@@ -86,14 +86,9 @@ def _checked(run: StrPath, save_every: float) -> Path:
 
 
 def _create(config: TrainConfig, run: Path, devices: int | None) -> int:
-    devices = largest_divisor(_divides(config), use_devices(devices))
+    devices = divided_over(config, devices)
     run_folder.create(run, config, devices, device_name())
     return devices
-
-
-def _divides(config: TrainConfig) -> int:
-    """What the number of devices must divide."""
-    return math.gcd(config.ppo.envs, config.ppo.minibatch)
 
 
 def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> tuple[int, str]:
@@ -104,8 +99,7 @@ def _go_on(run: Path, config: TrainConfig, before: int, devices: int | None) -> 
     Raises:
         InputError: fewer devices than asked for.
     """
-    there = use_devices(before if devices is None else devices, or_fewer=devices is None)
-    number = largest_divisor(_divides(config), there)
+    number = divided_over(config, before if devices is None else devices, or_fewer=devices is None)
     if number == before:
         return number, ""
     run_folder.change_devices(run, number, device_name())
@@ -188,8 +182,8 @@ def train_together(
             _continue(session, [learners[i] for i in some])
 
 
-def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> Learner:
-    new = partial(new_learner, config, env)
+def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> TrainState:
+    new = partial(new_state, config, env)
     if (run / CHECKPOINT_FILE).exists():
         return load_checkpoint(run, jax.eval_shape(new))
     return new()
@@ -250,7 +244,7 @@ class Session:
             self.listeners.iteration(first[0], iteration * self.configs[0].ppo.batch, first[1])
 
 
-def _continue(session: Session, learners: list[Learner]) -> list[dict[str, Any]]:
+def _continue(session: Session, learners: list[TrainState]) -> list[dict[str, Any]]:
     config, listeners = session.configs[0], session.listeners
     with _stop_on_signal() as stopped, _run_logs(session, int(learners[0].iteration)) as run_logs:
         come = _iterate(session, learners, run_logs, stopped)
@@ -262,7 +256,7 @@ def _continue(session: Session, learners: list[Learner]) -> list[dict[str, Any]]
         if come == config.iterations:
             listeners.stage(EVALUATING)
         done = [None if run_log.broken else run_log.finish() for run_log in run_logs]
-        session.tell([x and evaluation_metrics(x["evaluation"]) for x in done], come)
+        session.tell([x and evaluated(x["evaluation"]) for x in done], come)
     for error in [*broken, listeners.error]:
         if error:
             raise error
@@ -281,7 +275,10 @@ def _run_logs(session: Session, come: int) -> Iterator[list[RunLog]]:
 
 
 def _iterate(
-    session: Session, learners: list[Learner], run_logs: list[RunLog], stopped: Callable[[], bool]
+    session: Session,
+    learners: list[TrainState],
+    run_logs: list[RunLog],
+    stopped: Callable[[], bool],
 ) -> int:
     """Iterations up to the last one, or until stopped; saves now and then. Returns the last."""
     config = session.configs[0]
@@ -313,16 +310,16 @@ def _iterate(
     return come  # type: ignore[possibly-unbound]
 
 
-def _save(run_logs: Sequence[RunLog], learner: Learner) -> None:
+def _save(run_logs: Sequence[RunLog], learner: TrainState) -> None:
     _save_each(run_logs, _unstack(learner, len(run_logs)))
 
 
-def _save_each(run_logs: Sequence[RunLog], learners: Sequence[Learner]) -> None:
+def _save_each(run_logs: Sequence[RunLog], learners: Sequence[TrainState]) -> None:
     for run_log, own in zip(run_logs, learners, strict=True):
         run_log.save(own)
 
 
-def _stack(learners: Sequence[Learner]) -> Learner:
+def _stack(learners: Sequence[TrainState]) -> TrainState:
     """Several learners as one with a leading axis; a single one as it is."""
     if len(learners) == 1:
         return learners[0]

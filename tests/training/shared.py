@@ -15,14 +15,14 @@ import numpy as np  # noqa: E402
 
 from salpchain.devices import mesh_of  # noqa: E402
 from salpchain.tasks.reach.task import SCLD  # noqa: E402
-from salpchain.training.learner import compile_iterate, new_learner, place  # noqa: E402
+from salpchain.training.learner import compile_iterate, new_state, place  # noqa: E402
 from tests.training.small import small  # noqa: E402
 
 
 def weights_on(devices):
     config = small(iterations=1, envs=64, rollout=2)
     env, mesh = SCLD(config.task), mesh_of(devices)
-    learner = place(new_learner(config, env), mesh)
+    learner = place(new_state(config, env), mesh)
     before = jax.tree.map(np.array, jax.tree.leaves(learner.policy))
     step = compile_iterate(config, env, mesh, learner)
     learner, _ = step(learner)

@@ -15,7 +15,7 @@ from salpchain.controllers.storage import load
 from salpchain.devices import largest_divisor
 from salpchain.training import trainer
 from salpchain.training.checkpoint import CHECKPOINT_FILE
-from salpchain.training.run_log import NotFiniteError
+from salpchain.training.metrics import NotFiniteError
 from salpchain.training.trainer import train, train_together
 from tests.training.small import small
 

@@ -1,4 +1,4 @@
-"""What a training says of its success, against an evaluation of the same run."""
+"""What a training tells: files and functions, against an evaluation and a loop of one's own."""
 
 import csv
 import dataclasses
@@ -6,12 +6,14 @@ import json
 
 import pytest
 
+import salpchain
 from salpchain.controllers.storage import load
 from salpchain.evaluation.evaluate import evaluate
 from salpchain.training import evaluations
 from salpchain.training.trainer import train
 from tests.training.small import small
 
+CONFIG = dataclasses.replace(small(6), evaluations=3)
 TOLD = []
 
 
@@ -20,7 +22,7 @@ def run(tmp_path_factory):
     """A run that ends before its first cohort is whole, evaluated three times."""
     folder = tmp_path_factory.mktemp("run") / "run"
     both = (lambda metrics, step: metrics.clear(), lambda *told: TOLD.append(told))
-    train(dataclasses.replace(small(6), evaluations=3), folder, on_iteration=both)
+    train(CONFIG, folder, on_iteration=both, devices=1)
     return folder
 
 
@@ -55,6 +57,22 @@ def test_functions_are_told_what_the_files_say_without_what_is_too_early_to_tell
     for metrics, row in zip(tested, rows(run / "evaluations.csv"), strict=True):
         assert metrics["evaluation_success"] == pytest.approx(float(row["success"]))
         assert len(metrics) == 2
+
+
+def test_a_loop_of_ones_own_gives_what_train_gives_bit_for_bit(run, tmp_path):
+    first = learner = salpchain.new_learner(CONFIG, devices=1)
+    for row in rows(run / "metrics.csv"):
+        learner, metrics = salpchain.iterate(learner)
+        written = {name: float(cell) for name, cell in row.items() if cell and "second" not in name}
+        assert metrics == pytest.approx(written, rel=1e-6)
+    assert (first.steps, learner.steps) == (0, CONFIG.total_steps)
+    salpchain.save_policy(learner.policy, tmp_path / "policy.safetensors")
+    own, theirs = ((x / "policy.safetensors").read_bytes() for x in (tmp_path, run))
+    assert own == theirs
+    with pytest.raises(salpchain.InputError, match="made all 6 iterations"):
+        salpchain.iterate(learner)
+    again, _ = salpchain.iterate(first)  # it is as it was
+    assert again.steps == CONFIG.ppo.batch and again.policy.card.steps == again.steps
 
 
 def test_evaluations_on_the_way_are_evenly_spaced_and_the_last_is_the_closing_one(run):

@@ -13,6 +13,7 @@ from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
 from salpchain.tasks.reach.reward import own_progress
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.config import Mix, PPOConfig
+from salpchain.training.metrics import NotFiniteError
 from salpchain.training.ppo import (
     TrainingSample,
     entropy,
@@ -23,7 +24,6 @@ from salpchain.training.ppo import (
 )
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs
-from salpchain.training.run_log import NotFiniteError
 from salpchain.training.trainer import train
 from tests.training.small import small
 
