@@ -30,6 +30,7 @@ from salpchain.interop.batch import programs
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.config import FIXED_LIMIT, TaskConfig
+from salpchain.tasks.reach.task import SCLD
 
 ENVS, UNITS = 1024, 8
 STEPS, TURNS = 40, 9  # in a turn; turns
@@ -60,7 +61,7 @@ def gymnasium_share() -> dict[str, Any]:
 
 
 def _bare(actions: np.ndarray) -> Callable[[], None]:
-    parts = programs(TaskConfig(length=UNITS), FIXED_LIMIT)
+    parts = programs(SCLD(TaskConfig(length=UNITS)), FIXED_LIMIT)
     states = parts.reset(jr.split(jr.key(0), ENVS))
 
     def step() -> None:

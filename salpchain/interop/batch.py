@@ -1,7 +1,7 @@
 """A batch of chains stepped by one compiled program: what the bridges to Python tools drive."""
 
-import functools
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -12,13 +12,20 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.errors import InputError
-from salpchain.interop.checks import checked_actions, checked_envs, checked_seed, limit_of
+from salpchain.interop.checks import (
+    checked_actions,
+    checked_envs,
+    checked_seed,
+    checked_world,
+    limit_of,
+)
 from salpchain.starting import check_can_compute
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.tasks.task import renew_done
+from salpchain.world.randomise import WorldLike
 
 Seeds = int | Sequence[int | None] | np.ndarray | None
 
@@ -41,7 +48,7 @@ class Outcome(eqx.Module):
 
 
 class Programs(NamedTuple):
-    """Compiled once for each config and number of chains; batch first."""
+    """Compiled once for each task, world and number of chains; batch first."""
 
     reset: Callable[[Array], State]  # of (env,) keys
     step: Callable[[State, Any], tuple[State, Outcome]]  # finished episodes renewed
@@ -50,11 +57,20 @@ class Programs(NamedTuple):
     step_or_renew: Callable[[State, Any, Any], tuple[State, Outcome]]  # renew where flags say so
 
 
-@functools.cache
-def programs(config: TaskConfig, limit: int) -> Programs:
-    """The compiled programs of this task with this time limit; the same ones for equal ones."""
-    env = SCLD(config)
+_made: dict[Any, Programs] = {}  # by task, world and time limit
 
+
+def programs(env: SCLD, limit: int) -> Programs:
+    """The compiled programs of this task with this time limit; the same ones for equal ones."""
+    leaves, tree = jax.tree.flatten(env)
+    numbers = [np.asarray(leaf) for leaf in leaves]
+    key = tree, limit, tuple((x.shape, x.dtype, x.tobytes()) for x in numbers)
+    if key not in _made:
+        _made[key] = _made_for(env, limit)
+    return _made[key]
+
+
+def _made_for(env: SCLD, limit: int) -> Programs:
     def stepped(states: State, action: Array) -> State:
         after = jax.vmap(env.step)(states, action)
         return eqx.tree_at(lambda s: s.truncated, after, after.time >= limit)
@@ -116,22 +132,25 @@ class Batch:
         num_envs: int = 1,
         renew: bool = True,
         max_steps: int | None = None,
+        world: WorldLike = None,
     ) -> None:
         """With `renew`, a finished episode is followed by a new one in the same step.
 
         Episodes are truncated after `max_steps`, or earlier where the task's own limit is shorter.
+        The world is as in `SCLD`.
         """
         self.config, self.num_envs, self.renew = config, checked_envs(num_envs), renew
         self.limit = min(limit_of(config, max_steps), config.step_limit)
+        self.env = SCLD(config, checked_world(world, config.length))
         self.states: State | None = None
 
-    @property
+    @cached_property
     def _programs(self) -> Programs:
-        return programs(self.config, self.limit)
+        return programs(self.env, self.limit)
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as plain values: random keys as their numbers."""
-        plain = dict(vars(self))
+        plain = {name: value for name, value in vars(self).items() if name != "_programs"}
         if self.states is not None:
             states = eqx.tree_at(lambda s: s.key, self.states, jr.key_data(self.states.key))
             plain["states"] = jax.tree.map(np.asarray, states)
@@ -235,6 +254,15 @@ class Batch:
         step = self._programs.step if self.renew else self._programs.advance
         self.states, outcome = step(states, action)
         return outcome
+
+    def one(self, index: int) -> State:
+        """The state of one chain, in which its world is whole: for pictures.
+
+        Raises:
+            InputError: there is none yet.
+        """
+        state = jax.tree.map(lambda leaf: leaf[index], self.started())
+        return eqx.tree_at(lambda s: s.world, state, self.env.world_of(state))
 
     def started(self) -> State:
         """The states.

@@ -12,7 +12,9 @@ for package in ("torch", "vmas", "tensordict", "torchrl", "benchmarl"):
 from benchmarl.environments.vmas.common import VmasClass
 from torchrl.envs import EnvBase
 
+from salpchain.interop.torch_world import vmas_world
 from salpchain.interop.vmas import make_torchrl_env
+from salpchain.world.config import WorldConfig
 
 
 class SCLDTask(VmasClass):
@@ -32,12 +34,14 @@ class SCLDTask(VmasClass):
         )
 
 
-def benchmarl_task(max_steps: int | None = None, **settings: Any) -> SCLDTask:
+def benchmarl_task(
+    max_steps: int | None = None, world: WorldConfig | str | None = None, **settings: Any
+) -> SCLDTask:
     """The task with any setting of `TaskConfig`, truncated at its own limit or at `max_steps`.
 
     Raises:
-        InputError: an unknown setting, or an invalid one.
+        InputError: an unknown setting, an invalid one, or a world that VMAS cannot have.
     """
-    config = task_of(settings)
-    steps = limit_of(config, max_steps)
-    return SCLDTask(name="SCLD", config={**settings, "max_steps": steps})
+    steps = limit_of(task_of(settings), max_steps)
+    config = {**settings, "max_steps": steps, "world": vmas_world(world)}
+    return SCLDTask(name="SCLD", config=config)

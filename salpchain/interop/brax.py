@@ -15,11 +15,12 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.errors import InputError
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import checked_world, task_of
 from salpchain.interop.extras import need
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from salpchain.tasks.task import renew_done
+from salpchain.world.randomise import WorldLike
 
 need("brax", "brax")
 
@@ -38,9 +39,10 @@ class SalpBraxEnv(base.Env):
         InputError: an invalid setting of the task.
     """
 
-    def __init__(self, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`."""
-        self.scld = SCLD(task_of(task))
+    def __init__(self, world: WorldLike = None, **task: Any) -> None:
+        """The task by the fields of `TaskConfig`, the world as in `SCLD`, e.g. `"rough"`."""
+        config = task_of(task)
+        self.scld = SCLD(config, checked_world(world, config.length))
 
     def reset(self, rng: PRNGKeyArray) -> base.State:
         """A new episode; `pipeline_state` is ours."""

@@ -10,7 +10,12 @@ import numpy as np
 
 from salpchain.checks import check_seed, one_of
 from salpchain.errors import InputError
+from salpchain.given import told
+from salpchain.starting import check_can_compute
 from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig
+from salpchain.world.config import WorldConfig
+from salpchain.world.randomise import WorldLike, as_world
+from salpchain.world.world import World
 
 MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
 
@@ -27,6 +32,24 @@ def task_of(settings: dict[str, Any]) -> TaskConfig:
         one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
     return TaskConfig(**{"time_limit": PLAYED_LIMIT, **plain})
+
+
+def checked_world(world: WorldLike, length: int) -> World:
+    """The world in which chains of this length swim.
+
+    Raises:
+        InputError: no world, an unknown name, or thrusters of another number of units.
+    """
+    if isinstance(world, str | WorldConfig):
+        check_can_compute()  # a world to draw from is made with JAX
+    made = as_world(world)
+    thrusters = () if made.thrusters is None else (made.thrusters.gain, made.thrusters.fails_at)
+    for each in thrusters:
+        if each is not None and jnp.shape(each) != (length,):
+            raise InputError(
+                f"the world's thrusters must be those of {length} units, got {told(each)}"
+            )
+    return made
 
 
 def checked_envs(num_envs: Any) -> int:

@@ -7,7 +7,6 @@ a keyword of `gymnasium.make`.
 
 from typing import Any
 
-import jax
 import numpy as np
 
 from salpchain.checks import one_of
@@ -16,6 +15,7 @@ from salpchain.interop.batch import Batch, Outcome, Seeds
 from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
+from salpchain.world.randomise import WorldLike
 
 need("gymnasium", "gymnasium")
 
@@ -46,10 +46,15 @@ class SalpEnv(gymnasium.Env):
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": FRAMES}  # noqa: RUF012
 
-    def __init__(self, render_mode: str | None = None, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`, e.g. `length=8, observation="table1"`."""
+    def __init__(
+        self, render_mode: str | None = None, world: WorldLike = None, **task: Any
+    ) -> None:
+        """The task by the fields of `TaskConfig`, e.g. `length=8, observation="table1"`.
+
+        `world` is the name of one, or what `SCLD` takes: a `WorldConfig`, a `Physics`, a `World`.
+        """
         self.render_mode = _checked(render_mode, self.metadata["render_modes"])
-        self._batch = Batch(task_of(task), 1, renew=False)
+        self._batch = Batch(task_of(task), 1, renew=False, world=world)
         self.observation_space, self.action_space = spaces(self._batch)
         self._screen = Screen()
 
@@ -82,12 +87,12 @@ class SalpEnv(gymnasium.Env):
     def render(self) -> Frame | None:  # type: ignore[override]
         """The picture of the present state in mode `rgb_array`; else nothing."""
         if self.render_mode == "rgb_array":
-            return self._screen.frame(one(self._batch.started(), 0))
+            return self._screen.frame(self._batch.one(0))
         return None
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._screen.show(one(self._batch.started(), 0))
+            self._screen.show(self._batch.one(0))
 
     def close(self) -> None:
         """Closes the window, if there is one."""
@@ -117,6 +122,7 @@ class SalpVectorEnv(VectorEnv):
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        world: WorldLike = None,
         **task: Any,
     ) -> None:
         """The task by the fields of `TaskConfig`; truncated at its time limit, or earlier."""
@@ -124,7 +130,7 @@ class SalpVectorEnv(VectorEnv):
         self._mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         same_step = self._mode is AutoresetMode.SAME_STEP
-        self._batch = Batch(task_of(task), num_envs, renew=same_step, max_steps=max_episode_steps)
+        self._batch = Batch(task_of(task), num_envs, same_step, max_episode_steps, world)
         self._over = np.zeros(num_envs, bool)  # whose episode ended and was not begun anew
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(self._batch)
@@ -185,8 +191,8 @@ class SalpVectorEnv(VectorEnv):
 
     def render(self) -> tuple[Frame, ...] | None:
         """The picture of every chain in mode `rgb_array`; else nothing."""
-        states = self._batch.started()
-        frames = (screen.frame(one(states, i)) for i, screen in enumerate(self._screens))
+        self._batch.started()
+        frames = (screen.frame(self._batch.one(i)) for i, screen in enumerate(self._screens))
         return tuple(frames) or None
 
 
@@ -201,11 +207,6 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     name = mode.name if isinstance(mode, AutoresetMode) else mode
     one_of("autoreset mode", name, known)
     return known[name]
-
-
-def one(states: Any, index: int) -> Any:
-    """One chain of a batch of states."""
-    return jax.tree.map(lambda leaf: leaf[index], states)
 
 
 def _infos(outcome: Outcome, done: np.ndarray) -> dict[str, Any]:

@@ -9,11 +9,11 @@ from salpchain.interop.batch import Batch, Outcome
 from salpchain.interop.checks import task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
+from salpchain.world.randomise import WorldLike
 
 need("pettingzoo", "pettingzoo")
 need("gymnasium", "pettingzoo")
 
-import jax
 from gymnasium.spaces import Box, Space
 from pettingzoo import ParallelEnv
 
@@ -37,12 +37,14 @@ class SalpParallelEnv(ParallelEnv):
         "is_parallelizable": True,
     }
 
-    def __init__(self, render_mode: str | None = None, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`."""
+    def __init__(
+        self, render_mode: str | None = None, world: WorldLike = None, **task: Any
+    ) -> None:
+        """The task by the fields of `TaskConfig`, the world as in `SCLD`, e.g. `"rough"`."""
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"unknown render mode {render_mode!r}: choose rgb_array or human")
         self.render_mode = render_mode
-        self._batch = Batch(task_of(task), 1, renew=False)
+        self._batch = Batch(task_of(task), 1, renew=False, world=world)
         (units, features), (_, act) = self._batch.observation_shape, self._batch.action_shape
         self.possible_agents = [f"unit_{index}" for index in range(units)]
         self.agents: list[str] = []
@@ -124,14 +126,11 @@ class SalpParallelEnv(ParallelEnv):
 
     def render(self) -> Frame | None:
         """The picture of the present state in mode `rgb_array`; else nothing."""
-        return self._screen.frame(self._present()) if self.render_mode == "rgb_array" else None
+        return self._screen.frame(self._batch.one(0)) if self.render_mode == "rgb_array" else None
 
     def _show(self) -> None:
         if self.render_mode == "human":
-            self._screen.show(self._present())
-
-    def _present(self) -> Any:
-        return jax.tree.map(lambda leaf: leaf[0], self._batch.started())
+            self._screen.show(self._batch.one(0))
 
     def close(self) -> None:
         """Closes the window, if there is one."""

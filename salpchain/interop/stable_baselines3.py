@@ -11,12 +11,13 @@ from salpchain.interop.batch import Batch
 from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.drawing import Screen
 from salpchain.interop.extras import need
+from salpchain.world.randomise import WorldLike
 
 need("stable_baselines3", "stable-baselines3")
 
 from stable_baselines3.common.vec_env import VecEnv
 
-from salpchain.interop.gymnasium import one, spaces
+from salpchain.interop.gymnasium import spaces
 
 Indices = int | Sequence[int] | None
 
@@ -28,11 +29,20 @@ class SalpVecEnv(VecEnv):
         InputError: an invalid setting of the task, number of chains or render mode.
     """
 
-    def __init__(self, num_envs: int = 64, render_mode: str | None = None, **task: Any) -> None:
-        """The task by the fields of `TaskConfig`; pictures in the render mode `rgb_array`."""
+    def __init__(
+        self,
+        num_envs: int = 64,
+        render_mode: str | None = None,
+        world: WorldLike = None,
+        **task: Any,
+    ) -> None:
+        """The task by the fields of `TaskConfig`; pictures in the render mode `rgb_array`.
+
+        The world is as in `SCLD`, e.g. `"rough"`.
+        """
         one_of("render mode", render_mode or "rgb_array", ("rgb_array",))
         self.render_mode = render_mode
-        self._batch = Batch(task_of(task), num_envs)
+        self._batch = Batch(task_of(task), num_envs, world=world)
         self._screens = [Screen() for _ in range(num_envs)] if render_mode else []
         self._actions: Any = None
         super().__init__(num_envs, *spaces(self._batch))
@@ -151,5 +161,4 @@ class SalpVecEnv(VecEnv):
         """The pictures of these chains; none without the render mode."""
         if not self._screens:
             return [None] * len(chosen)
-        states = self._batch.started()
-        return [self._screens[i].frame(one(states, i)) for i in chosen]
+        return [self._screens[i].frame(self._batch.one(i)) for i in chosen]

@@ -14,30 +14,33 @@ from salpchain.controllers.steering import as_floats
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.given import told
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import checked_world, task_of
 from salpchain.starting import check_can_compute
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import observation_size
+from salpchain.world.randomise import WorldLike
 
 Steer = Callable[[np.ndarray], np.ndarray]
 
 
-def steering(policy: Controller | StrPath, **task: Any) -> Steer:
+def steering(policy: Controller | StrPath, world: WorldLike = None, **task: Any) -> Steer:
     """What maps observations (..., unit, feature) to mean actions (..., unit, act), clipped.
 
     Args:
         policy: a learned one, such as `salpchain.load("any-length")`, or its name or path.
+        world: that of the environment; a policy steers in all alike.
         **task: the settings that the environment was made with.
 
     Raises:
         InputError: no learned policy, or one that observes or acts in another way than the
-            environment or cannot serve its length; an unknown setting. Later: observations of
-            another shape.
+            environment or cannot serve its length; an unknown setting or world. Later: observations
+            of another shape.
     """
     learned = named.controller(policy)
     if not isinstance(learned, Policy):
         raise InputError(f"steering takes a learned policy, such as any-length, got {told(policy)}")
     config = task_of(task)
+    checked_world(world, config.length)
     _check_fits(learned.card, config)
     slots, features = config.length, observation_size(config.observation)
     present, joined = jnp.ones(slots, bool), jnp.ones(slots - 1, bool)

@@ -5,6 +5,7 @@ from typing import Any
 from salpchain.interop.batch import Batch
 from salpchain.interop.checks import check_options, task_of
 from salpchain.interop.extras import need
+from salpchain.world.randomise import WorldLike
 
 need("torch", "torchrl")
 need("tensordict", "torchrl")
@@ -26,13 +27,15 @@ class SalpTorchEnv(EnvBase):
     environment hands out shares JAX's memory: do not write into it.
     """
 
-    def __init__(self, num_envs: int = 1, device: str = "cpu", **settings: Any) -> None:
-        """`num_envs` chains with any setting of `TaskConfig`.
+    def __init__(
+        self, num_envs: int = 1, device: str = "cpu", world: WorldLike = None, **settings: Any
+    ) -> None:
+        """`num_envs` chains with any setting of `TaskConfig`, in a world as `SCLD` takes.
 
         Raises:
-            InputError: an unknown setting, or an invalid one.
+            InputError: an unknown setting, an invalid one, or no world.
         """
-        batch = Batch(task_of(settings), num_envs, renew=False)
+        batch = Batch(task_of(settings), num_envs, renew=False, world=world)
         super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
         self.config, self._batch = batch.config, batch
         self._seed: int | None = None

@@ -1,6 +1,7 @@
 """SCLD as a scenario of VMAS 1.4.3 to 1.5: VMAS's own physics, torch from end to end.
 
-`vmas.make_env(scenario=Scenario(), num_envs=..., length=...)` takes any setting of `TaskConfig`.
+`vmas.make_env(scenario=Scenario(), num_envs=..., length=...)` takes any setting of `TaskConfig`,
+and a `world` as far as VMAS's physics can have it (see `torch_world`).
 VMAS itself counts the steps: give `max_steps` (512 in the paper); `make_env` below does so, and
 names the environment whose action is NaN.
 """
@@ -19,10 +20,12 @@ from salpchain.interop.torch_task import (
     spawn,
     target_pose,
 )
+from salpchain.interop.torch_world import Worlds, vmas_world
 from salpchain.physics.state import Physics
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.targets import LINK, SPAWN
 from salpchain.tasks.task import FENCE_PER_UNIT
+from salpchain.world.config import WorldConfig
 
 need("torch", "vmas")
 need("vmas", "vmas")
@@ -47,6 +50,7 @@ class Thruster(Dynamics):
         """For actions of so many numbers."""
         super().__init__()
         self._size = size
+        self.thrust = torch.zeros(0, 1)  # (env, 1) N, asked for
 
     @property
     def needed_action_size(self) -> int:
@@ -56,8 +60,8 @@ class Thruster(Dynamics):
     def process_action(self) -> None:
         """Sets the force (N, world axes) that acts in the coming control step."""
         u = self.agent.action.u.clamp(-1.0, 1.0)
-        thrust = u[:, :1] if self._size == 1 else (u[:, :1] - u[:, 1:]) / 2
-        self.agent.state.force = thrust * heading(self.agent.state.rot[:, 0])
+        self.thrust = u[:, :1] if self._size == 1 else (u[:, :1] - u[:, 1:]) / 2
+        self.agent.state.force = self.thrust * heading(self.agent.state.rot[:, 0])
 
 
 class Scenario(BaseScenario):
@@ -66,12 +70,15 @@ class Scenario(BaseScenario):
     config: TaskConfig
 
     def make_world(self, batch_dim: int, device: Any, **kwargs: Any) -> World:
-        """A world of chains; `kwargs` are settings of `TaskConfig`.
+        """A world of chains; `kwargs` are settings of `TaskConfig`, and `world`.
 
         Raises:
-            InputError: an unknown setting, or an invalid one.
+            InputError: an unknown setting, an invalid one, or a world that VMAS cannot have.
         """
+        around = vmas_world(kwargs.pop("world", None))
         self.config = task_of(kwargs)
+        size = batch_dim, self.config.length, self.config.step_limit
+        self._worlds = None if around.is_still else Worlds(around, *size, device)
         self.viewer_zoom = VIEW * self.config.length + SPAWN
         self._fence = FENCE_PER_UNIT * self.config.length if self.config.fence else None
         world = _world(batch_dim, device, self._fence)
@@ -105,7 +112,25 @@ class Scenario(BaseScenario):
         self._start[rows] = now[0]
         self._approach[rows], self._fine[rows] = now
         self._goal[rows] = False
+        if self._worlds is not None:
+            self._worlds.draw(rows)
         self._seen = None
+
+    def pre_step(self) -> None:
+        """What the thrusters make of the actions, and the drag of water that moves.
+
+        VMAS takes a part of each velocity once in a control step; to be drag relative to water at
+        c, it starts from v + c drag / (1 - drag) instead of v.
+        """
+        if self._worlds is None:
+            return
+        agents: list[Any] = self.world.agents
+        thrust = self._worlds.thrust(torch.cat([agent.dynamics.thrust for agent in agents], dim=1))
+        for agent, pushed in zip(agents, thrust.unbind(dim=1), strict=True):
+            agent.state.force = pushed[:, None] * heading(agent.state.rot[:, 0])
+        drag = _physics().drag
+        for entity in self.world.entities:
+            entity.state.vel = entity.state.vel + self._worlds.current * drag / (1 - drag)
 
     def post_step(self) -> None:
         """The reward of the step, and whether the target poses are taken."""
@@ -116,6 +141,8 @@ class Scenario(BaseScenario):
         self._reward = approach + self._goal.float() + self.config.fine_weight * fine
         self._approach, self._fine = now
         self._seen = None
+        if self._worlds is not None:
+            self._worlds.advance()
 
     def observation(self, agent: Agent) -> Tensor:
         """What a unit sees (env, feature): worked out for all when the first is asked for."""
@@ -140,9 +167,9 @@ class Scenario(BaseScenario):
         return {"goal": self._goal.float()[:, None], "closed_fraction": closed[:, None]}
 
     def chains(self) -> Chains:
-        """All units as they are now."""
+        """All units as they are now, as far as their sensors tell."""
         states: list[Any] = [agent.state for agent in self.world.agents]
-        return Chains(
+        chains = Chains(
             position=self._positions(),
             angle=torch.cat([state.rot for state in states], dim=1),
             velocity=torch.stack([state.vel for state in states], dim=1),
@@ -150,6 +177,7 @@ class Scenario(BaseScenario):
             target=self._target,
             force=torch.stack([state.force for state in states], dim=1),
         )
+        return chains if self._worlds is None else self._worlds.told(chains)
 
     def _positions(self) -> Tensor:
         places: list[Any] = [agent.state.pos for agent in self.world.agents]
@@ -262,7 +290,11 @@ class ChainEnvironment(Environment):
 
 
 def make_env(
-    num_envs: int, device: str = "cpu", seed: int | None = None, **settings: Any
+    num_envs: int,
+    device: str = "cpu",
+    seed: int | None = None,
+    world: WorldConfig | str | None = None,
+    **settings: Any,
 ) -> ChainEnvironment:
     """The scenario as VMAS's environment, with the time limit of its settings.
 
@@ -270,7 +302,7 @@ def make_env(
     For TorchRL there is `make_torchrl_env`.
 
     Raises:
-        InputError: an unknown setting, or an invalid one.
+        InputError: an unknown setting, an invalid one, or a world that VMAS cannot have.
     """
     config = task_of(settings)
     return ChainEnvironment(
@@ -281,6 +313,7 @@ def make_env(
         max_steps=config.step_limit,
         clamp_actions=True,
         terminated_truncated=True,
+        world=world,
         **settings,
     )
 
@@ -291,6 +324,7 @@ def make_torchrl_env(
     seed: int | None = None,
     max_steps: int | None = None,
     continuous_actions: bool = True,
+    world: WorldConfig | str | None = None,
     **settings: Any,
 ) -> Any:
     """The scenario in TorchRL's `VmasWrapper`, where the time limit truncates.
@@ -300,7 +334,8 @@ def make_torchrl_env(
     is that of the task's settings, or `max_steps`.
 
     Raises:
-        InputError: an unknown setting, or an invalid one; TorchRL is not installed.
+        InputError: an unknown setting, an invalid one, or a world that VMAS cannot have; TorchRL
+            is not installed.
     """
     limit = limit_of(task_of(settings), max_steps)
     need("tensordict", "torchrl")
@@ -315,6 +350,7 @@ def make_torchrl_env(
         seed=seed,
         continuous_actions=continuous_actions,
         clamp_actions=True,
+        world=world,
         **settings,
     )
     return TransformedEnv(VmasWrapper(env, categorical_actions=True), StepCounter(limit))

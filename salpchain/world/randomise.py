@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, Int, PRNGKeyArray
@@ -81,9 +82,13 @@ def as_world(given: WorldLike) -> World:
     instance("world", config, WorldConfig, "a World, a WorldConfig, a Physics or a name of one")
     if config.is_still:
         return World()
-    chain, key = at_rest(jnp.zeros((2, 2)), jnp.zeros(2)), jr.key(0)
-    example = with_obstacles(draw_world(config, key, 2, 2, 1), key, chain, jnp.zeros((2, 2)))
-    return eqx.filter(example, eqx.is_array, inverse=True)
+
+    def example(key: PRNGKeyArray) -> World:
+        chain, target = at_rest(jnp.zeros((2, 2)), jnp.zeros(2)), jnp.zeros((2, 2))
+        return with_obstacles(draw_world(config, key, 2, 2, 1), key, chain, target)
+
+    traced = eqx.filter_eval_shape(example, jr.key(0))  # its arrays are drawn for each episode
+    return eqx.filter(traced, lambda leaf: isinstance(leaf, jax.ShapeDtypeStruct), inverse=True)
 
 
 def _drawn(key: PRNGKeyArray, given: Range) -> Scalar:
