@@ -9,7 +9,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "salpchain"
 ROOMS = ["physics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
-ROOMS += ["interop", "web", "paper", "experiments", "cli"]
+ROOMS += ["interop", "web", "experiments", "paper", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"archive", "compilation_cache", "devices", "errors", "files", "installation"}
 GROUND |= {"machine", "trees"}

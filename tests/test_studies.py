@@ -17,6 +17,7 @@ from salpchain.cli.main import run as command_line
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
+from salpchain.experiments import results
 from salpchain.files import write_json
 from salpchain.paper.grid import Grid, claim
 from salpchain.paper.results import run_of
@@ -185,7 +186,7 @@ def test_results_of_another_policy_are_not_taken_for_those_of_this(tmp_path, mon
     mine, other = fresh(), fresh("gatv2")
     alike = Policy(other.network, mine.card)
     for _ in range(2):
-        studies.claim(tmp_path, "transfer", mine, trials=4)
+        results.claim(tmp_path, "transfer", mine, trials=4)
     kept = (tmp_path / "about.json").read_text()
     for policy, trials, word in (
         (alike, 4, "weights is"),
@@ -193,17 +194,17 @@ def test_results_of_another_policy_are_not_taken_for_those_of_this(tmp_path, mon
         (mine, 5, "trials is 4 there, 5 was"),
     ):
         with pytest.raises(InputError, match=word):
-            studies.claim(tmp_path, "transfer", policy, trials=trials)
+            results.claim(tmp_path, "transfer", policy, trials=trials)
     with pytest.raises(InputError, match="study is transfer there, budget was given"):
-        studies.claim(tmp_path, "budget")
+        results.claim(tmp_path, "budget")
     assert (tmp_path / "about.json").read_text() == kept
     (tmp_path / "about.json").unlink()
     (tmp_path / "vmas.csv").write_text("x\n")
     with pytest.raises(InputError, match="study is unknown there"):
-        studies.claim(tmp_path, "transfer", mine, trials=4)
+        results.claim(tmp_path, "transfer", mine, trials=4)
     (tmp_path / "about.json").write_text("[1]")
     with pytest.raises(InputError, match=r"about\.json is damaged"):
-        studies.claim(tmp_path, "transfer", mine, trials=4)
+        results.claim(tmp_path, "transfer", mine, trials=4)
 
 
 @pytest.mark.parametrize("content", ["", "x,y\n1,2\n", 'length\n"2\n', "length\n1,2\n3,4,5\n"])
@@ -211,7 +212,7 @@ def test_a_damaged_file_of_results_is_one_line_and_stays(content, tmp_path):
     path = tmp_path / "short.csv"
     path.write_text(content)
     with pytest.raises(InputError, match=r"short\.csv is damaged"):
-        studies.add_part(path, {"length": 2}, lambda: pytest.fail("played"))
+        results.add_part(path, {"length": 2}, lambda: pytest.fail("played"))
     assert path.read_text() == content
 
 

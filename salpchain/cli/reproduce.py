@@ -163,11 +163,12 @@ def _names(option: str, text: str, order: Sequence[str]) -> tuple[str, ...]:
 def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -> int:
     from salpchain.cli.display import sweep_display
     from salpchain.experiments.sweep import sweep
+    from salpchain.paper.jobs import jobs_of
     from salpchain.paper.report import write_outcome
     from salpchain.paper.results import set_damaged_aside
 
     try:
-        executor, together = _executor(folder, options, resources)
+        executor, together = _executor(options, resources)
     except KeyboardInterrupt:
         return _stopped()
     try:
@@ -181,7 +182,7 @@ def _study(folder: Path, grid: Grid, options: Reproduce, resources: Resources) -
                     print(f"salpchain: {one}", file=sys.stderr)
                 raise InputError(f"{last}; the same command does again what was set aside")
             with sweep_display() as watch:
-                failures = sweep(folder, grid, executor, watch, together)
+                failures = sweep(jobs_of(folder, grid, together), executor, watch)
             for line in failures:
                 print(f"failed: {line}", file=sys.stderr)
             pages = write_outcome(folder, grid)
@@ -198,19 +199,19 @@ def _stopped() -> int:
     return 130
 
 
-def _executor(folder: Path, options: Reproduce, resources: Resources) -> "tuple[Executor, bool]":
+def _executor(options: Reproduce, resources: Resources) -> "tuple[Executor, bool]":
     """Where runs go, and whether the seeds of a configuration train side by side."""
     jobs = resources.jobs
     if options.executor == "ray":
         from salpchain.experiments.on_ray import RayExecutor
 
         share = resources.gpus
-        return RayExecutor(folder, options.address, jobs, resources.cpus, share), share > 0
+        return RayExecutor(options.address, jobs, resources.cpus, share), share > 0
     from salpchain.experiments.local import LocalExecutor
     from salpchain.machine import gpus, jobs_that_fit
 
     there = gpus()
-    return LocalExecutor(folder, jobs or there or jobs_that_fit(), there), there > 0
+    return LocalExecutor(jobs or there or jobs_that_fit(), there), there > 0
 
 
 def _share_of_gpu(text: str) -> float:

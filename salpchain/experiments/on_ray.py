@@ -1,20 +1,18 @@
-"""Jobs as Ray tasks, on one machine or on a cluster whose nodes share the study's folder.
+"""Jobs as Ray tasks, on one machine or on a cluster whose nodes share their folder.
 
-A task runs the same process as `local` does (`salpchain.paper.job`), so that a job that crashes
-takes no worker with it. Ray starts a task again when its worker or node dies; its jobs go on from
-their checkpoints.
+A task of Ray runs the same process as `local` does, so that a job that crashes takes no worker with
+it. Ray starts a task again when its worker or node dies; its job goes on from what it had saved.
 """
 
 import logging
 import os
 import socket
-from pathlib import Path
 from typing import Any
 
 from salpchain.errors import InputError
 from salpchain.experiments import process
-from salpchain.experiments.sweep import RETRIES, End, Task
-from salpchain.files import StrPath
+from salpchain.experiments.job import Job
+from salpchain.experiments.sweep import RETRIES, End
 from salpchain.installation import install_command
 
 try:
@@ -24,56 +22,55 @@ except ImportError:
     ray = None
 
 ANSWERS_WITHIN = 5.0  # s (chosen)
-MANY = 10**6  # tasks at a time: Ray starts them when there is room
+MANY = 10**6  # jobs at a time: Ray starts them when there is room
 
 
 class RayExecutor:
-    """As many tasks at a time as the cluster has room for, or as are asked for.
+    """As many jobs at a time as the cluster has room for, or as are asked for.
 
     Each takes `cpus` cores, over which it shares out its chains, and `gpus` of a GPU.
 
     Raises:
         InputError: Ray is missing, no cluster is at the address, or none of its nodes has as much
-            as a task takes.
+            as a job takes.
     """
 
     def __init__(
-        self, folder: StrPath, address: str = "", jobs: int | None = None, cpus: int = 1,
-        gpus: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, address: str = "", jobs: int | None = None, cpus: int = 1, gpus: float = 0.0
+    ) -> None:
         if ray is None:
             raise InputError(f"Ray is missing: run {install_command('cluster')}")
-        self.folder, self.jobs = Path(folder).resolve(), jobs
-        self.cpus, self.gpus = cpus, gpus
-        self._tasks: dict[Any, Task] = {}
+        self.jobs, self.cpus, self.gpus = jobs, cpus, gpus
+        self._tasks: dict[Any, Job] = {}
         _join(address)
         _check_room(cpus, gpus)
 
     @property
     def room(self) -> int:
-        """How many more tasks may be handed to Ray."""
+        """How many more jobs may be handed to Ray."""
         return (self.jobs or MANY) - len(self._tasks)
 
-    def start(self, task: Task) -> None:
-        """Hands a task to Ray."""
+    def start(self, job: Job) -> None:
+        """Hands a job to Ray."""
         options = {"num_cpus": self.cpus, "num_gpus": self.gpus, "max_retries": RETRIES}
         devices = None if self.gpus else self.cpus
         remote = ray.remote(**options)(_run)  # type: ignore[union-attr]
-        self._tasks[remote.remote(str(self.folder), task, devices, self.gpus)] = task
+        self._tasks[remote.remote(job, devices, self.gpus)] = job
 
-    def ended(self) -> dict[Task, End]:
-        """The tasks that have ended since the last call."""
+    def ended(self) -> dict[str, End]:
+        """The jobs that have ended since the last call, by their labels."""
         if not self._tasks:
             return {}
         over, _ = ray.wait(list(self._tasks), num_returns=len(self._tasks), timeout=0)  # type: ignore[union-attr]
-        return {self._tasks.pop(handle): self._end(handle) for handle in over}
+        return {self._tasks[handle].label: self._end(handle) for handle in over}
 
     def _end(self, handle: Any) -> End:
+        job = self._tasks.pop(handle)
         try:
-            task, status = ray.get(handle)  # type: ignore[union-attr]
+            status: Any = ray.get(handle)  # type: ignore[union-attr]
         except RayError as error:
             return End(False, retry=True, message=_first_line(error))
-        return process.end_of(self.folder, tuple(task), status)
+        return process.end_of(job, status)
 
     def stop(self) -> None:
         """Asks all to save and stop, and waits until they have."""
@@ -131,12 +128,11 @@ def _first_line(error: Exception) -> str:
     return str(error).strip().split("\n")[0]
 
 
-def _run(folder: str, task: Task, devices: int | None, gpus: float) -> tuple[Task, int]:
-    """Runs the task's process to its end; an interrupt is passed on, and waited for."""
-    running = process.start(Path(folder), task, devices, process.gpu_share(gpus))
+def _run(job: Job, devices: int | None, gpus: float) -> int:
+    """Runs the job's process to its end; an interrupt is passed on, and waited for."""
+    running = process.start(job, devices, process.gpu_share(gpus))
     try:
-        status = running.wait()
+        return running.wait()
     except KeyboardInterrupt:
         running.send_signal(2)
-        status = running.wait()
-    return task, status
+        return running.wait()

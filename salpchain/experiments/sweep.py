@@ -1,40 +1,34 @@
-"""A whole grid of runs: started, watched, retried and resumed, on this machine or elsewhere."""
+"""Jobs started, watched, tried again and gone on with, on this machine or elsewhere."""
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from salpchain.files import StrPath
+from salpchain.experiments.job import Job
 from salpchain.machine import cores
-from salpchain.paper.cost import baseline_cost, test_cost, train_cost
-from salpchain.paper.grid import Grid, Job
-from salpchain.paper.results import baseline_untested, is_done, trained_share, untested
 
 LOOK_EVERY = 1.0  # s between two looks at the jobs (chosen)
 RETRIES = 2  # of a job whose process died without a word (chosen)
 GUESSED = 300.0  # s of work at the plan's pace that the pace seen so far is averaged with (chosen)
 
-Task = tuple[int, ...]  # numbers of jobs in the grid that one process does
-
 
 @runtime_checkable
 class Executor(Protocol):
-    """Where tasks run."""
+    """Where jobs run."""
 
     @property
     def room(self) -> int:
-        """How many more tasks may start now."""
+        """How many more jobs may start now."""
         ...
 
-    def start(self, task: Task) -> None:
-        """Starts a task."""
+    def start(self, job: Job) -> None:
+        """Starts a job."""
         ...
 
-    def ended(self) -> dict[Task, "End"]:
-        """The tasks that have ended since the last call."""
+    def ended(self) -> dict[str, "End"]:
+        """The jobs that have ended since the last call, by their labels."""
         ...
 
     def stop(self) -> None:
@@ -44,7 +38,7 @@ class Executor(Protocol):
 
 @dataclass(frozen=True)
 class End:
-    """How a task ended."""
+    """How a job ended."""
 
     good: bool
     retry: bool = False  # its process or machine died: worth another try
@@ -57,8 +51,8 @@ class Overall:
 
     share: float  # of all work
     seconds_left: float
-    done: int
-    jobs: int
+    done: int  # parts of jobs, such as runs
+    jobs: int  # all of these
     running: tuple[str, ...]
     failures: tuple[str, ...]
 
@@ -66,23 +60,19 @@ class Overall:
 Watch = Callable[[Overall], None]
 
 
-def sweep(
-    folder: StrPath, grid: Grid, executor: Executor, watch: Watch, together: bool = False
-) -> list[str]:
-    """Does all that is not done yet; returns a line for each task that failed for good.
-
-    `together`: the seeds of a configuration are one task, and train side by side.
+def sweep(jobs: Sequence[Job], executor: Executor, watch: Watch) -> list[str]:
+    """Does all that is not done yet; returns a line for each job that failed for good.
 
     Raises:
         KeyboardInterrupt: asked to stop; jobs have saved and stopped.
     """
-    state = _State(folder, grid, together, min(executor.room, cores()))
+    state = _State(jobs, min(executor.room, cores()))
     try:
         while state.waiting or state.running:
             while state.waiting and executor.room > 0:
                 state.begin(executor)
-            for task, end in executor.ended().items():
-                state.finish(task, end)
+            for label, end in executor.ended().items():
+                state.finish(label, end)
             watch(state.overall())
             time.sleep(LOOK_EVERY)
     finally:
@@ -94,69 +84,47 @@ def sweep(
 class _State:
     """Which jobs wait, run, have failed; and how much of the work is done."""
 
-    def __init__(self, folder: StrPath, grid: Grid, together: bool, at_once: int) -> None:
-        self.folder, self.grid, self.jobs = Path(folder), grid, grid.jobs()
-        self.names = [*(job.name for job in self.jobs), "greedy"]
-        tasks = [*_tasks(grid, together), (len(self.jobs),)]
-        self.waiting = deque(task for task in tasks if not all(map(self._is_done, task)))
-        self.running: set[Task] = set()
+    def __init__(self, jobs: Sequence[Job], at_once: int) -> None:
+        self.jobs = jobs
+        self.waiting = deque(job for job in jobs if job.left())
+        self.running: dict[str, Job] = {}
         self.failures: list[str] = []
-        self.tries: Counter[Task] = Counter()
-        self.costs = [*(_cost(grid, job) for job in self.jobs), baseline_cost(grid)]
+        self.tries: Counter[str] = Counter()
+        self.cost = sum(job.cost for job in jobs)
         self.begun, self.done_before = time.monotonic(), self._work_done()
         self.at_once = min(at_once, len(self.waiting))
 
     def begin(self, executor: Executor) -> None:
-        task = self.waiting.popleft()
-        self.running.add(task)
-        self.tries[task] += 1
-        executor.start(task)
+        job = self.waiting.popleft()
+        self.running[job.label] = job
+        self.tries[job.label] += 1
+        executor.start(job)
 
-    def finish(self, task: Task, end: End) -> None:
-        self.running.discard(task)
-        left = [number for number in task if not self._is_done(number)]
+    def finish(self, label: str, end: End) -> None:
+        job = self.running.pop(label)
+        left = job.left()
         if not left:
             return
-        if end.retry and self.tries[task] <= RETRIES:
-            self.waiting.appendleft(task)
+        if end.retry and self.tries[label] <= RETRIES:
+            self.waiting.appendleft(job)
         else:
-            names = ", ".join(self.names[number] for number in left)
-            self.failures.append(f"{names}: {end.message or 'exited before it had finished'}")
+            why = end.message or "exited before it had finished"
+            self.failures.append(f"{', '.join(left)}: {why}")
 
     def overall(self) -> Overall:
-        total, done = sum(self.costs), self._work_done()
+        done = self._work_done()
         spent, fresh = time.monotonic() - self.begun, done - self.done_before
         pace = (fresh + GUESSED * max(1, self.at_once)) / (spent + GUESSED)
+        parts = sum(len(job.parts) for job in self.jobs)
+        running = [job for job in self.jobs if job.label in self.running]
         return Overall(
-            share=done / total,
-            seconds_left=(total - done) / pace,
-            done=sum(self._is_done(n) for n in range(len(self.names))),
-            jobs=len(self.names),
-            running=tuple(self.names[n] for task in sorted(self.running) for n in task),
+            share=done / self.cost,
+            seconds_left=(self.cost - done) / pace,
+            done=parts - sum(len(job.left()) for job in self.jobs),
+            jobs=parts,
+            running=tuple(part for job in running for part in job.parts),
             failures=tuple(self.failures),
         )
 
-    def _is_done(self, number: int) -> bool:
-        if number == len(self.jobs):
-            return not baseline_untested(self.folder, self.grid)
-        return is_done(self.folder, self.jobs[number])
-
     def _work_done(self) -> float:
-        done = sum(_done(self.folder, self.grid, job) for job in self.jobs)
-        return done + (0.0 if baseline_untested(self.folder, self.grid) else self.costs[-1])
-
-
-def _tasks(grid: Grid, together: bool) -> list[Task]:
-    """What is started at a time: each job, or all seeds of a configuration."""
-    numbers = range(len(grid.jobs()))
-    apart = len(grid.configurations()) if together else len(numbers)
-    return [tuple(numbers[first::apart]) for first in range(apart)]
-
-
-def _cost(grid: Grid, job: Job) -> float:
-    return train_cost(job) + test_cost(grid, job)
-
-
-def _done(folder: Path, grid: Grid, job: Job) -> float:
-    tested = 0.0 if untested(folder, job) else test_cost(grid, job)
-    return train_cost(job) * trained_share(folder, job) + tested
+        return sum(job.done() for job in self.jobs)

@@ -1,4 +1,4 @@
-"""Jobs of a study as a process of their own: trains or goes on training, then tests.
+"""The process of `jobs`: trains or goes on training, then tests.
 
 python -m salpchain.paper.job FOLDER NUMBER[,NUMBER...] [DEVICES]
 

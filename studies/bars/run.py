@@ -18,10 +18,11 @@ from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
+from salpchain.experiments.results import REPORT_FILE, RESULTS, add_part, claim, results_of
 from salpchain.files import read_json, write_text
 from salpchain.paper.grid import GRID_FILE, Job, read_grid
 from salpchain.paper.results import is_trained, run_of
-from studies import REPORT_FILE, RESULTS, add_part, claim, program, results_of
+from studies import program
 
 SEED = 2002  # of the starts that judge (chosen)
 LONGER = (96, 128)  # units

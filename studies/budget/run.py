@@ -19,11 +19,12 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.experiments.results import REPORT_FILE, RESULTS, claim, results_of
 from salpchain.files import read_json, write_text
 from salpchain.training import run_folder
 from salpchain.training.config import TrainConfig
 from salpchain.training.trainer import train_together
-from studies import REPORT_FILE, RESULTS, check_same, claim, program, results_of, run_of
+from studies import check_same, program, run_of
 from studies.release.run import LENGTHS, any_length
 
 TRIALS = 200

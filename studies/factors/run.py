@@ -27,22 +27,14 @@ from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.experiments.results import REPORT_FILE, RESULTS, claim, results_of
 from salpchain.files import make_writable, read_json, write_bytes, write_text
 from salpchain.machine import jobs_that_fit
 from salpchain.report.style import STYLE
 from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.training import presets
 from salpchain.training.config import Mix, TrainConfig
-from studies import (
-    REPORT_FILE,
-    RESULTS,
-    check_same,
-    claim,
-    program,
-    results_of,
-    run_of,
-    train_or_go_on,
-)
+from studies import check_same, program, run_of, train_or_go_on
 
 STEPS = 1_500_000  # of every variant: half of what `--length 2..16` takes
 LENGTHS = (2, 4, 8, 16, 32, 64)

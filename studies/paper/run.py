@@ -9,7 +9,8 @@ from pathlib import Path
 
 from salpchain.cli.main import run
 from salpchain.errors import InputError
-from studies import RESULTS, program
+from salpchain.experiments.results import RESULTS
+from studies import program
 
 
 def main() -> None:

@@ -18,10 +18,11 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.experiments.results import RESULTS
 from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
-from studies import RESULTS, program, train_or_go_on
+from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200

@@ -19,10 +19,11 @@ from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
+from salpchain.experiments.results import REPORT_FILE, add_part, claim, results_of
 from salpchain.files import write_text
 from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.training.presets import TIGHT
-from studies import REPORT_FILE, add_part, claim, program, results_of
+from studies import program
 
 TRIALS = {2: 50, 3: 50, 4: 32, 6: 32, 8: 32}  # of each length: planning takes its time
 SEED = 2001  # of the starts that judge, those of `studies.release`

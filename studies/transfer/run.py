@@ -22,6 +22,7 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.perturbations import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
+from salpchain.experiments.results import REPORT_FILE, RESULTS, add_part, claim, results_of
 from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
@@ -29,7 +30,7 @@ from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.config import TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
-from studies import REPORT_FILE, RESULTS, add_part, claim, program, results_of
+from studies import program
 
 LENGTHS = (4, 8, 16, 32)
 TRIALS = 200

@@ -1,13 +1,16 @@
 """What is whole is told from what is not, and what is damaged is set aside, by name."""
 
 import json
+import pickle
 import shutil
 
 import numpy as np
 import pytest
 
+from salpchain.experiments.job import Job
 from salpchain.files import write_arrays
 from salpchain.paper.grid import Grid
+from salpchain.paper.jobs import jobs_of
 from salpchain.paper.results import (
     is_trained,
     run_of,
@@ -154,6 +157,18 @@ def test_a_folder_in_place_of_a_file_is_set_aside(study):
     place.mkdir()
     [line] = set_damaged_aside(study, GRID)
     assert "scaled" in line and untested(study, JOB) == ["scaled"]
+
+
+def test_the_jobs_of_a_study_know_what_is_done_and_what_does_the_rest(study):
+    (study / "runs" / OTHER.name / "fixed" / "evaluation.json").unlink()
+    first, second, baseline = jobs_of(study, GRID)
+    assert (first.left(), second.left(), baseline.left()) == ([], [OTHER.name], ["greedy"])
+    assert first.done() == pytest.approx(first.cost)
+    assert 0 < second.done() < second.cost and baseline.done() == 0
+    together, _ = jobs_of(study, GRID, together=True)
+    assert (together.parts, together.left()) == ([JOB.name, OTHER.name], [OTHER.name])
+    assert together.command(2) == ["-m", "salpchain.paper.job", str(study.resolve()), "0,1", "2"]
+    assert isinstance(pickle.loads(pickle.dumps(together)), Job)
 
 
 def test_damage_done_twice_overwrites_nothing(study):

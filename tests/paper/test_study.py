@@ -12,6 +12,7 @@ import pytest
 from salpchain.errors import InputError
 from salpchain.experiments.sweep import sweep
 from salpchain.paper.grid import Grid, claim
+from salpchain.paper.jobs import jobs_of
 from salpchain.paper.results import run_of
 
 OPTIONS = {
@@ -136,8 +137,8 @@ def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
             cluster.remove_node(killed[0], allow_graceful=False)
 
     try:
-        executor = RayExecutor(folder, cluster.address, cpus=2)
-        assert sweep(folder, GRID, executor, watch) == []
+        executor = RayExecutor(cluster.address, cpus=2)
+        assert sweep(jobs_of(folder, GRID), executor, watch) == []
     finally:
         ray.shutdown()
         cluster.shutdown()
@@ -151,9 +152,9 @@ def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
         ("here:there", "HOST:PORT, got here:there"),
     ],
 )
-def test_where_no_cluster_answers_ray_does_not_wait_for_it(address, said, tmp_path):
+def test_where_no_cluster_answers_ray_does_not_wait_for_it(address, said):
     pytest.importorskip("ray")
     from salpchain.experiments.on_ray import RayExecutor
 
     with pytest.raises(InputError, match=said):
-        RayExecutor(tmp_path, address)
+        RayExecutor(address)
