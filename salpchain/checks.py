@@ -73,7 +73,7 @@ def check_seed(seed: Any) -> int:
     """
     number = index(seed)
     if number is None or not 0 <= number < 2**32:
-        raise InputError(f"seed must be 0 to {2**32 - 1}, got {told(seed)}")
+        raise InputError(f"seed must be a whole number 0 to {2**32 - 1}, got {told(seed)}")
     return number
 
 

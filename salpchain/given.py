@@ -132,23 +132,27 @@ def paths(name: str, values: Any) -> list[Path]:
     Raises:
         InputError: anything else among them, or none at all.
     """
-    given = [values] if isinstance(values, str | os.PathLike) else several(name, values, "paths")
+    given = (
+        [values]
+        if isinstance(values, str | os.PathLike)
+        else several(name, values, "paths, as a list")
+    )
     return [path(name, value) for value in given]
 
 
-def several(name: str, values: Any, of: str) -> list[Any]:
+def several(name: str, values: Any, right: str) -> list[Any]:
     """The values as a list.
 
     Raises:
-        InputError: no list of any, or an empty one.
+        InputError: no list of any, or an empty one; `right` says what would be.
     """
     iterate: Callable[[], Any] | None = getattr(values, "__iter__", None)
     if iterate is None or isinstance(values, type | str | bytes | dict):
-        raise InputError(f"{name} must be {of}, as a list, got {told(values)}")
+        raise InputError(f"{name} must be {right}, got {told(values)}")
     try:
         found = list(values)
     except TypeError:  # an array without axes
-        raise InputError(f"{name} must be {of}, as a list, got {told(values)}") from None
+        raise InputError(f"{name} must be {right}, got {told(values)}") from None
     if not found:
         raise InputError(f"{name} must have at least one, got none")
     return found

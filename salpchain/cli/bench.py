@@ -43,7 +43,7 @@ def run(options: Bench) -> None:
     speeds = []
     for length in lengths:
         for part in PARTS:
-            say(f"measuring {part}, {length} units" if options.json else "")
+            say(f"measuring {part}, {length} units: compiling")
             speeds.append(measure(part, length, envs, devices))
             if not options.json:
                 print(_line(speeds[-1]), flush=True)

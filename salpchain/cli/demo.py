@@ -9,7 +9,7 @@ from salpchain.cli.options import Flag, Folder, Lengths, Whole, positive
 from salpchain.cli.outputs import check_new
 from salpchain.cli.settings import File, Sets
 from salpchain.cli.streams import say
-from salpchain.evaluation.config import SUMMARY_FILE, parse_lengths
+from salpchain.evaluation.config import SUMMARY_FILE, parse_lengths, programs
 from salpchain.files import make_writable, writing
 from salpchain.installation import program
 from salpchain.training import run_folder
@@ -81,21 +81,21 @@ def _training(options: Demo, run: Path) -> train_command.Train:
 
 
 def _test(folder: Path, lengths: list[int], trials: int, overwrite: bool) -> None:
-    from rich.console import Console
-
     from salpchain.cli.display import share_display
+    from salpchain.cli.tables import show, table
     from salpchain.controllers.storage import load
     from salpchain.devices import use_devices
-    from salpchain.evaluation.evaluate import evaluate, table
+    from salpchain.evaluation.evaluate import evaluate
 
     use_devices()
     policy = load(folder / "run")
-    with share_display("testing") as watch:
+    with share_display("testing", programs(policy.card.control.model, lengths)) as watch:
         summary = evaluate(policy, lengths, trials, out=folder, progress=watch, overwrite=overwrite)
-    Console().print(table(summary))
+    show(table(summary))
 
 
 def _draw(folder: Path) -> None:
+    from salpchain.cli.display import share_display
     from salpchain.controllers.storage import load
     from salpchain.evaluation.recording import record
     from salpchain.report import figures, picture
@@ -103,7 +103,8 @@ def _draw(folder: Path) -> None:
     figures.learning_curves([folder / "run"], folder / "learning.png")
     figures.zero_shot([folder / "evaluation.json"], folder / "zero-shot.png")
     policy = load(folder / "run")
-    swims = record(policy, SWIM_LENGTHS, seed=SHOWN_SEED)
+    with share_display("recording") as watch:
+        swims = record(policy, SWIM_LENGTHS, seed=SHOWN_SEED, progress=watch)
     picture.chains_picture(swims, folder / "chains.png")
     print(f"wrote {folder}/learning.png, zero-shot.png, chains.png and evaluation.json")
     say(f"next: steer it yourself with  {program()} live {shlex.quote(str(folder / 'run'))}")

@@ -122,14 +122,17 @@ def _plain(console: Console, config: TrainConfig) -> Callable[[Training, int], N
 
 
 @contextmanager
-def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
-    """A watcher that is told the share of all work done, and what is being done."""
+def share_display(what: str, programs: int = 0) -> Iterator[Callable[[float, str], None]]:
+    """A watcher that is told the share of all work done, and what is being done.
+
+    `programs`: how many must be compiled, if known; the time left is also that of those to come.
+    """
     console = notices()
     if not console.is_terminal:
-        yield _plain_share(console, what)
+        yield _plain_share(console, what, programs)
         return
     columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.fields[now]}"))
-    pace = Pace()
+    pace = Pace(programs)
     with Progress(*columns, TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
                   console=console) as bar:  # fmt: skip
         task = bar.add_task(what, total=1.0, now="", left="")
@@ -145,27 +148,36 @@ def share_display(what: str) -> Iterator[Callable[[float, str], None]]:
 class Pace:
     """The time left, by the time in which the same thing was done.
 
-    What comes between two different things is compilation, which is not work that is left.
+    What comes between two different things is compilation. Of programs that are still to be
+    compiled, each is expected to take as long as those so far did on average.
     """
 
-    def __init__(self) -> None:
-        """Nothing is done yet."""
+    def __init__(self, programs: int = 0) -> None:
+        """Nothing is done yet; `programs` must be compiled in all, as far as known."""
         self._last = 0.0, 0.0, ""
         self._seconds, self._done = 0.0, 0.0
+        self._compiling, self._compiled, self._programs = 0.0, 0, programs
 
     def left(self, share: float, now: str) -> float | None:
         """Seconds until all is done, now that this share is; None before that can be told."""
         at, (before, had, what) = time.monotonic(), self._last
         self._last = at, share, now
-        if now == what:
+        if COMPILING in what:
+            self._compiling += at - before
+            self._compiled += COMPILING not in now
+        elif now == what:
             self._seconds += at - before
             self._done += share - had
-        return (1 - share) * self._seconds / self._done if self._done > 0 else None
+        if not self._done > 0:
+            return None
+        missing = max(0, self._programs - self._compiled) if self._compiled else 0
+        each = self._compiling / max(1, self._compiled)
+        return (1 - share) * self._seconds / self._done + missing * each
 
 
-def _plain_share(console: Console, what: str) -> Callable[[float, str], None]:
+def _plain_share(console: Console, what: str, programs: int) -> Callable[[float, str], None]:
     last, said, told = "", -PLAIN_EVERY, 0.0
-    pace = Pace()
+    pace = Pace(programs)
 
     def watch(share: float, now: str) -> None:
         nonlocal last, said, told

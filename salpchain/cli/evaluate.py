@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from json import dumps
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -12,10 +12,13 @@ from salpchain.cli.options import Flag, Folder, Lengths, Whole, World, number, p
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
-from salpchain.evaluation.config import parse_lengths
+from salpchain.evaluation.config import parse_lengths, programs
 from salpchain.files import make_writable
 from salpchain.tasks.config import TIME_LIMITS
 from salpchain.world.presets import world_config
+
+if TYPE_CHECKING:
+    from salpchain.controllers.policy import Controller
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def run(options: Evaluate) -> None:
     from salpchain.cli.display import share_display
     from salpchain.evaluation.evaluate import evaluate
 
-    with share_display("testing") as watch:
+    with share_display("testing", _programs(tested, lengths)) as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
             progress=watch, overwrite=options.overwrite, world=world,
@@ -85,12 +88,19 @@ def run(options: Evaluate) -> None:
     _print(summary, out, options.json)
 
 
+def _programs(tested: "Controller", lengths: list[int]) -> int:
+    """How many programs must be compiled, of the policy and a planner's baseline."""
+    from salpchain.controllers.policy import Planner
+
+    if isinstance(tested, Planner):
+        return len(lengths) + programs("", lengths)
+    return programs(tested.card.control.model, lengths)
+
+
 def _print(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     """The tables, or the summary as JSON, and where the files are."""
-    from rich.console import Console
-
+    from salpchain.cli.tables import difficulty_table, show, table
     from salpchain.evaluation import too_short
-    from salpchain.evaluation.evaluate import difficulty_table, table
 
     said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
     note = too_short.of_summary(summary)
@@ -99,8 +109,7 @@ def _print(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         say(note)
         say(said)
         return
-    hardness = difficulty_table(summary)
-    Console().print(table(summary), *([hardness] if hardness.row_count else []))
+    show(table(summary), difficulty_table(summary))
     if note:
         print(note)
     print(said)

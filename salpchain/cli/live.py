@@ -9,6 +9,7 @@ import tyro
 
 from salpchain.checks import check_seed
 from salpchain.cli.options import Folder, Whole, number, text_option
+from salpchain.cli.streams import say
 from salpchain.controllers.named import check_live, check_there, is_name
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
@@ -63,6 +64,7 @@ def run(options: Live) -> None:
     bound = server.listen(options.host, port)
     with bound:
         _say_where(options.host, bound.getsockname()[1])
+        say("compiling: the page shows the chain as soon as it swims")
         for origin in sorted(origins):
             print(f"  a proxy may show it under {origin}", flush=True)
         live = server.Live(options.policy, options.runs, seed)

@@ -19,6 +19,13 @@ Sets = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, text_option("PATH=V
 File = Annotated[str, text_option("FILE")]
 
 
+# What other files of the package hold, by a name that is no setting's
+OTHERS = {"trials": "the result of an evaluation", "lengths": "the result of an evaluation"}
+OTHERS |= {"in_training": "the summary of a run", "evaluation": "the summary of a run"}
+OTHERS |= {"measured": "a model card"}
+RIGHT = "give a run's config.json or its folder, or a TOML with tables such as task and ppo"
+
+
 def read_settings(name: str) -> dict[str, Any]:
     """The settings in a file, by path: a run's `config.json` (or the run's folder), or a TOML.
 
@@ -28,10 +35,12 @@ def read_settings(name: str) -> dict[str, Any]:
         InputError: no such file, not such a file, an unknown setting, or a value of another type.
     """
     path = check_run(name) / CONFIG_FILE if Path(name).is_dir() else Path(name)
-    content = _toml(path) if path.suffix == ".toml" else read_json(path)
+    content = _toml(path) if path.suffix == ".toml" else _json(path)
     if not isinstance(content, dict):
-        raise InputError(f"{path} holds no settings: it must have tables such as task and ppo")
+        raise InputError(f"{path} holds no settings: {RIGHT}")
     of_run = "config" in content
+    if what := next((what for key, what in OTHERS.items() if key in content and not of_run), ""):
+        raise InputError(f"{path} is {what}, not settings: {RIGHT}")
     if of_run:
         _check_format(content.get("format"), path)
         content = content["config"]
@@ -40,6 +49,14 @@ def read_settings(name: str) -> dict[str, Any]:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     return {**flat(TrainConfig()), **values} if of_run else values
+
+
+def _json(path: Path) -> Any:
+    try:
+        return read_json(path)
+    except InputError as error:
+        remedy = f": {RIGHT}" if path.exists() else ""
+        raise InputError(f"{error}{remedy}") from None
 
 
 def _toml(path: Path) -> dict[str, Any]:

@@ -127,6 +127,7 @@ def check_live(source: str) -> None:
 def check_there(source: StrPath) -> None:
     """Raise InputError unless this names a controller or is a path that exists."""
     if not is_name(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
+        shown = source if str(source).strip() else repr(source)  # nothing would be seen of blanks
         raise InputError(
-            f"no such run folder or policy: {source} (a path, or one of {', '.join(names())})"
+            f"no such run folder or policy: {shown} (a path, or one of {', '.join(names())})"
         )

@@ -6,11 +6,13 @@ from typing import Any
 from salpchain.checks import LONGEST, check_length
 from salpchain.errors import InputError
 from salpchain.given import index, several
+from salpchain.networks.config import SINGLE_LENGTH
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
 SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
 Lengths = int | str | Iterable[int]  # what a function takes that takes lengths
+MEANT = "a number of units, a list of them, or a text such as 4..16"
 RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,8,16 or 8"
 
 
@@ -49,7 +51,14 @@ def as_lengths(meant: Any) -> list[int]:
         return list_lengths(meant)
     if index(meant) is not None:
         return [check_length(meant)]
-    return [check_length(length) for length in several("lengths", meant, "numbers of units")]
+    return [check_length(length) for length in several("lengths", meant, MEANT)]
+
+
+def programs(model: str, lengths: Iterable[int]) -> int:
+    """How many programs trials at these lengths take: one for each number of slots."""
+    if model in SINGLE_LENGTH:
+        return len(set(lengths))
+    return len({next(slots for slots in SLOTS if length <= slots) for length in lengths})
 
 
 def lengths_as_text(lengths: Sequence[int]) -> str:

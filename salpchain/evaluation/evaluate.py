@@ -1,6 +1,5 @@
-"""Evaluations: a controller beside the greedy baseline on many lengths, as files and as a table."""
+"""Evaluations: a controller beside the greedy baseline on many lengths, and the files of it."""
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -8,9 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
-from rich.box import SIMPLE_HEAD
-from rich.markup import escape
-from rich.table import Table
 
 from salpchain.checks import check_seed, one_of
 from salpchain.controllers import named
@@ -216,90 +212,3 @@ def _at(progress: Progress | None, share: float, _: float, what: str) -> None:
     """Tells what is played, at a share of the work that stays."""
     if progress:
         progress(share, what)
-
-
-def table(summary: Summary) -> Table:
-    """The summary as a table of 80 columns: a row for each length, 95 % intervals in brackets."""
-    baseline = summary.get("baseline")
-    others = baseline["lengths"] if baseline else [None] * len(summary["lengths"])
-    trials = max(entry["trials"] for entry in summary["lengths"])
-    about = f"{trials} trials, {summary['time_limit']} time limit, seed {summary['seed']}"
-    if summary.get("world", "still") != "still":
-        about += f", world {escape(summary['world'])}"
-    made = Table(
-        title=f"{summary['policy']}: {about}",
-        caption="percent [95 % interval]; steps: median to the goal; time: median of steps over the"
-        " fewest that physics allows; limit: what physics allows to be closed",
-        title_justify="left",
-        caption_justify="left",
-        box=SIMPLE_HEAD,
-        padding=0,
-    )
-    for name in ("length", "success", "closed", "steps", "time"):
-        made.add_column(name, justify="right", no_wrap=True)
-    for name in ("greedy\nsuccess", "greedy\nclosed") if baseline else ():
-        made.add_column(name, justify="right")
-    made.add_column("limit", justify="right")
-    for own, other in zip(summary["lengths"], others, strict=True):
-        made.add_row(*_cells(own, other))
-    return made
-
-
-ASKED = {
-    "far": "distance (chain lengths)",
-    "turn": "turn of the target (degrees)",
-    "bend": "bend of the target (degrees)",
-}
-
-
-def difficulty_table(summary: Summary) -> Table:
-    """The trials in thirds of each length's, by what makes them hard; no rows if nothing does."""
-    made = Table(
-        title="by difficulty, in thirds of each length's trials",
-        caption="means; success with its 95 % interval; time: median steps to the goal over the"
-        " fewest that physics allows",
-        title_justify="left",
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-    )
-    made.add_column("by")
-    for name in ("mean", "success", "closed", "time"):
-        made.add_column(name, justify="right", no_wrap=True)
-    for name, thirds in summary["by_difficulty"].items():
-        for place, third in enumerate(thirds):
-            scale, unit = (1, ".1f") if name == "far" else (180 / math.pi, ".0f")
-            made.add_row(
-                ASKED[name] if place == 0 else "",
-                f"{scale * third['mean']:{unit}}",
-                _percent(third["success"], 0),
-                f"{100 * third['closed_fraction']:.1f}",
-                _ratio(third["time_ratio"]),
-            )
-    return made
-
-
-def _cells(own: Summary, other: Summary | None) -> list[str]:
-    cells = [str(own["length"]), _percent(own["success"], 0), _percent(own["closed_fraction"], 1)]
-    cells += [_steps(own["steps_to_goal"]["median"]), _ratio(own["time_ratio"]["median"])]
-    if other:
-        greedy = other["success"]["mean"], other["closed_fraction"]["mean"]
-        cells += [f"{100 * greedy[0]:.0f}", f"{100 * greedy[1]:.1f}"]
-    return [*cells, f"{100 * own['reachable']['mean']:.1f}"]
-
-
-def _steps(median: float | None) -> str:
-    """Half steps, which a median may have, are shown."""
-    return "-" if median is None else f"{median:g}"
-
-
-def _ratio(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
-
-
-def _percent(value: dict[str, Any], digits: int) -> str:
-    """Mean and interval in percent."""
-    mean, low, high = (value[name] for name in ("mean", "low", "high"))
-    text = f"{100 * mean:.{digits}f}"
-    if low is None:
-        return text
-    return escape(f"{text} [{100 * low:.{digits}f}, {100 * high:.{digits}f}]")

@@ -141,7 +141,7 @@ def as_swims(meant: Trajectory | Sequence[Trajectory]) -> list[Trajectory]:
     right = "a trajectory, such as salpchain.record or Trajectory.load give"
     return [
         given.instance("each of swims", swim, Trajectory, right)
-        for swim in given.several("swims", meant, "trajectories")
+        for swim in given.several("swims", meant, "trajectories, as a list")
     ]
 
 

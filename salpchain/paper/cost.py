@@ -5,7 +5,7 @@ Imports nothing heavy: a plan is printed at once.
 
 from collections.abc import Sequence
 
-from salpchain.evaluation.config import SLOTS
+from salpchain.evaluation.config import programs
 from salpchain.machine import cores, jobs_that_fit
 from salpchain.paper.grid import Grid, Job
 from salpchain.tasks.config import step_limit
@@ -35,13 +35,15 @@ def test_cost(grid: Grid, job: Job) -> float:
     """Seconds of one core that the tests of a run take; all time limits are tested in one go."""
     lengths = next(iter(job.tests.values()), ())
     each = (n * _longest(grid, n) * (STEP + _pass(job, n)) for n in lengths)
-    return _sizes(lengths) * _start(job) + grid.trials * TRIALS_AT_ONCE * 1e-6 * sum(each)
+    return programs(job.config.control.model, lengths) * _start(
+        job
+    ) + grid.trials * TRIALS_AT_ONCE * 1e-6 * sum(each)
 
 
 def baseline_cost(grid: Grid) -> float:
     """Seconds of one core that the baseline's tests take."""
     steps = sum(n * _longest(grid, n) for n in grid.tests)
-    return _sizes(grid.tests) * COMPILING + grid.trials * TRIALS_AT_ONCE * 1e-6 * STEP * steps
+    return programs("", grid.tests) * COMPILING + grid.trials * TRIALS_AT_ONCE * 1e-6 * STEP * steps
 
 
 def _start(job: Job) -> float:
@@ -50,11 +52,6 @@ def _start(job: Job) -> float:
 
 def _longest(grid: Grid, length: int) -> int:
     return max(step_limit(limit, length) for limit in grid.time_limits)
-
-
-def _sizes(lengths: Sequence[int]) -> int:
-    """How many programs the tests of these lengths take."""
-    return len({next(slots for slots in SLOTS if n <= slots) for n in lengths})
 
 
 def _pass(job: Job, units: int) -> float:

@@ -256,6 +256,8 @@ def preset(
     for other, value in others.items():
         check_path(other)
         raise InputError(f"{other} is a setting: give settings={{{other!r}: {told(value)}}}")
+    one_of("preset", name, (*PRESETS, CUSTOM))
+    check_seed(seed)
     settings = {} if settings is None else settings
     instance("settings", settings, Mapping, "a dict such as {'ppo.learning_rate': 1e-3}")
     units = as_lengths(length)

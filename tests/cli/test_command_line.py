@@ -88,8 +88,11 @@ BAD = [
     (["train", "--out", "NEW", "--model", "mlp", "--graph", "mixed"], "an mlp has no graph"),
     (["train", "--out", "NEW", "--steps", "-5"], "positive"),
     (["train", "--out", "NEW", "--lenght", "8"], "perhaps --length"),
-    (["train", "--out", "NEW", "--seed", "99999999999999999999"], "seed must be 0 to 4294967295"),
-    (["evaluate", "greedy", "--out", "NEW", "--seed", "-1"], "seed must be 0 to"),
+    (
+        ["train", "--out", "NEW", "--seed", "99999999999999999999"],
+        "seed must be a whole number 0 to 4294967295",
+    ),
+    (["evaluate", "greedy", "--out", "NEW", "--seed", "-1"], "seed must be a whole number 0 to"),
     (["evaluate", "greedy", "--out", "NEW", "--trials", "9999999"], "at most 1,000,000"),
     (["evaluate", "greedy", "--out", "USED/thesis.tex"], "a file is in the way"),
     (["train", "--out", "NEW", "--length"], "--length"),

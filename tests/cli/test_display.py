@@ -48,6 +48,15 @@ def test_the_time_left_is_that_of_the_work_without_compilation(clock):
     assert told[-1] == pytest.approx(8.0)
 
 
+def test_programs_that_are_still_to_be_compiled_are_part_of_the_time_left(clock):
+    pace, told = Pace(programs=3), []
+    play(lambda *now: told.append(pace.left(*now)), clock, *COMPILED)
+    assert told[2:] == pytest.approx([9.0 + 2 * 60, 8.0 + 2 * 60])
+    play(lambda *now: told.append(pace.left(*now)), clock, (0, 0.2, "compiling for 24 units"),
+         (30, 0.2, "24 units"))  # fmt: skip
+    assert told[-1] == pytest.approx(8.0 + 45)
+
+
 def test_lines_say_that_it_compiles_and_how_far_it_is(clock, capsys):
     with share_display("testing") as watch:
         play(watch, clock, *COMPILED, (1, 0.3, "8 units"), *[(0.2, 0.4, "8 units")] * 5)

@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
+from salpchain.cli.tables import difficulty_table, show, table
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.mpc import MPC
 from salpchain.controllers.named import load
 from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
-from salpchain.evaluation.evaluate import difficulty_table, evaluate, evaluate_limits, table
+from salpchain.evaluation.evaluate import evaluate, evaluate_limits
 from salpchain.evaluation.perturbations import Delayed
 from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
 from tests.evaluation.controllers import Constant
@@ -97,6 +98,14 @@ def test_a_second_table_shows_what_makes_trials_hard(evaluation):
     assert max(map(len, text.splitlines())) <= 80
     assert all(word in text for word in ("distance", "[", "time"))
     assert "turn of the target" not in text  # the same in all trials
+
+
+def test_tables_in_a_file_have_no_blanks_at_the_ends_of_lines(evaluation, capsys):
+    show(table(evaluation[0]), difficulty_table(evaluation[0]))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 8 and [line for line in lines if line != line.rstrip()] == []
+    show(table(evaluation[0]), difficulty_table({"by_difficulty": {}}))
+    assert "by difficulty" not in capsys.readouterr().out
 
 
 def test_the_table_has_room_for_its_widest_numbers_and_shows_half_steps(evaluation):
