@@ -1,6 +1,7 @@
 """Episodes recorded whole: the trials of an evaluation, with every body at every step."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, act, begin
 from salpchain.evaluation.config import Lengths, as_lengths, lengths_as_text
 from salpchain.evaluation.progress import Progress, compiling, telling
+from salpchain.evaluation.survey import surroundings
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.files import StrPath
@@ -39,6 +41,8 @@ class Frame(NamedTuple):
     links: Bodies
     thrust: Float[Array, "*chain unit"]
     reward: Float[Array, "*chain"]
+    gain: Float[Array, "*chain unit"] | None  # of the thrusters, where they may be broken
+    current: Any  # the arrays of the water's motion, if it moves
 
 
 @own_mesh
@@ -81,12 +85,19 @@ def _trajectory(
     env: SCLD, about: dict[str, Any], states: State, frames: Frame, index: int, length: int
 ) -> Trajectory:
     """One of the recorded chains."""
+    steps, target = int(states.time[index]), np.asarray(states.target[index, :length])
+    arrays = _fields(frames, index, length, steps)
+    world = env.world_of(jax.tree.map(lambda x: x[index], states))
+    gain = None if frames.gain is None else frames.gain[1 : steps + 1, index, :length]
+    current = jax.tree.map(lambda x: x[: steps + 1, index], frames.current)
+    points = np.concatenate([arrays["unit_position"].reshape(-1, 2), target])
     return Trajectory(
         **about,
+        **arrays,
         dt=float(env.physics.control_step),
         success=bool(states.goal[index]),
-        target=np.asarray(states.target[index, :length]),
-        **_fields(frames, index, length, int(states.time[index])),
+        target=target,
+        around=surroundings(world, points, gain, current),
     )
 
 
@@ -101,7 +112,7 @@ def _play_out(
 ) -> tuple[State, Frame]:
     """The last states, and all frames (time, chain, ...) from the start on."""
     limit = max(step_limit(env.config.time_limit, int(length)) for length in states.length)
-    frames = [jax.tree.map(lambda x: np.asarray(x)[None], _frame(states))]
+    frames = [jax.tree.map(lambda x: np.asarray(x)[None], _frame(env, states))]
     memory = jax.vmap(lambda state: begin(controller, state))(states)
     while not bool(states.done.all()):
         states, memory, more = _play(env, controller, states, memory)
@@ -128,14 +139,22 @@ def _play(
         states, memory = now
         action, memory = jax.vmap(lambda state, own: act(controller, state, own))(states, memory)
         states = where(states.done, states, jax.vmap(env.step)(states, action))
-        return (states, memory), _frame(states)
+        return (states, memory), _frame(env, states)
 
     (states, memory), frames = jax.lax.scan(advance, (states, memory), None, length=AT_ONCE)
     return states, memory, frames
 
 
-def _frame(states: State) -> Frame:
-    return Frame(states.chain.units, states.chain.links, states.thrust, states.reward)
+def _frame(env: SCLD, states: State) -> Frame:
+    chain = states.chain
+    gain = None if env.world.thrusters is None else jax.vmap(partial(_gain, env))(states)
+    return Frame(chain.units, chain.links, states.thrust, states.reward, gain, states.world.current)
+
+
+def _gain(env: SCLD, state: State) -> Float[Array, " unit"]:
+    """The gain of each thruster in the last control step."""
+    thrusters, like = env.world_of(state).thrusters, state.thrust
+    return jnp.ones_like(like) if thrusters is None else thrusters.working(state.time - 1, like)
 
 
 def _fields(frames: Frame, chain: int, length: int, steps: int) -> dict[str, Any]:

@@ -83,7 +83,7 @@ class Surroundings:
         return below + up * (above - below)
 
 
-def _between(share: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def _between(share: Any, count: int) -> tuple[Any, Any]:
     """The number before a place in [0, 1] of so many in a row, and how far it is to the next."""
     at = np.clip(share, 0.0, 1.0) * (count - 1)
     first = np.floor(at).astype(int)

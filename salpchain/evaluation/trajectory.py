@@ -4,7 +4,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,12 @@ from jaxtyping import Float
 from salpchain import given
 from salpchain.checks import check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
 from salpchain.files import StrPath, write_bytes
 from salpchain.tasks.config import TIME_LIMITS
 
 FORMAT = 1
+AROUND = "around"  # the field whose arrays stand beside the others in a file
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
 
 Points = np.ndarray  # (time, body, 2)
@@ -57,6 +59,7 @@ class Trajectory:
     target: np.ndarray  # (unit, 2) m
     identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
     world: str = "still"  # in which it swam
+    around: Surroundings = field(default_factory=Surroundings)  # what was there
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -67,14 +70,15 @@ class Trajectory:
             raise InputError(f"trial must be 0 or more, got {self.trial}")
         if not 0 < self.dt < 1e3:
             raise InputError(f"dt must be positive (s), got {self.dt}")
-        for field in fields(self):
-            if field.name not in _SCALARS:
-                given.instance(field.name, getattr(self, field.name), np.ndarray, "a NumPy array")
+        for one in fields(self):
+            if one.name not in (*_SCALARS, AROUND):
+                given.instance(one.name, getattr(self, one.name), np.ndarray, "a NumPy array")
         times = len(np.atleast_1d(self.unit_position))
         if times < 1:
             raise InputError("unit_position has no time: it must hold at least the start")
         for name, shape in _shapes(times, self.length).items():
             _check_array(name, getattr(self, name), shape)
+        self.around.check(times - 1, self.length)
 
     @property
     def steps(self) -> int:
@@ -108,7 +112,9 @@ class Trajectory:
             InputError: no path; there is no such folder, or a folder of this name.
             OSError: the folder is not writable, or the disk is full.
         """
-        named: dict[str, Any] = {f.name: np.asarray(getattr(self, f.name)) for f in fields(self)}
+        names = [one.name for one in fields(self) if one.name != AROUND]
+        named: dict[str, Any] = {name: np.asarray(getattr(self, name)) for name in names}
+        named |= self.around.named()
         content = io.BytesIO()
         np.savez_compressed(content, format=np.asarray(FORMAT), **named)
         write_bytes(path, content.getvalue())
@@ -124,7 +130,10 @@ class Trajectory:
         path = given.path("path", path)
         named = _read(path)
         try:
-            return cls(**{field.name: _plain(named, field.name, path) for field in fields(cls)})
+            names = [one.name for one in fields(cls) if one.name != AROUND]
+            there = [one.name for one in fields(Surroundings) if one.name in named]
+            around = Surroundings(**{name: named[name] for name in there})
+            return cls(**{name: _plain(named, name, path) for name in names}, around=around)
         except InputError as error:
             said = str(error)
             raise InputError(said if str(path) in said else f"{path}: {said}") from None

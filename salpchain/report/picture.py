@@ -18,13 +18,15 @@ from matplotlib.patches import FancyBboxPatch
 from salpchain import given
 from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_bytes
-from salpchain.report.shapes import REACHED, length_name, round_length, unit_outlines
+from salpchain.report import surroundings
+from salpchain.report.shapes import REACHED, crosses, length_name, round_length, unit_outlines
 
 WIDTH = 10.0  # inches, of the picture
 GAP = 0.12  # inches, between panels
 HEADER, FOOTER = 0.5, 0.2  # inches, above and below the swim in each panel
 WATER, INK, FAINT = "#0d2438", "#f2f6fa", "#8fa9bf"
 PLACES = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.34, 1.0, 256)))
+STREAKS = 20  # of moving water along a panel's longer side (chosen)
 POSES = 5  # shown between the first and the last (chosen)
 SHAPES = (0.62, 2.6)  # lowest and highest width of a swim for its height
 
@@ -86,7 +88,8 @@ def _view(swim: Trajectory) -> View:
     away = swim.target.mean(axis=0) - swim.unit_position[0].mean(axis=0)
     cos, sin = away / max(np.linalg.norm(away), 1e-9)
     turn = np.array([[cos, sin], [-sin, cos]])
-    points = np.concatenate([swim.unit_position.reshape(-1, 2), swim.target]) @ turn.T
+    points = np.concatenate([swim.unit_position.reshape(-1, 2), swim.target])
+    points = np.concatenate([points, surroundings.near(swim.around, points)]) @ turn.T
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 + 0.03 * (high - low).max()
     size = high - low + 2 * margin
@@ -129,10 +132,14 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     point = scale / 72
     swim, turned = view.swim, view.swim.unit_position @ view.turn.T
     angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
+    _draw_water(panel, view)
+    _draw_obstacles(panel, view, point)
     _draw_target(panel, view.swim.target @ view.turn.T, point)
     _draw_ways(panel, turned)
     for time, strength in _moments(turned):
+        dead = swim.around.dead(time, swim.length) & (strength == 1)
         _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point)
+        _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, point)
     _draw_words(panel, view, place, point)
 
 
@@ -144,6 +151,55 @@ def _moments(positions: Float[np.ndarray, "time unit 2"]) -> list[tuple[int, flo
     times = [int(np.argmax(way >= part * way[-1])) for part in parts]
     between = [(t, 0.25 + 0.35 * part) for t, part in zip(times[1:-1], parts[1:-1], strict=True)]
     return [(0, 0.0), *between, (len(positions) - 1, 1.0)]
+
+
+def _draw_water(panel: Axes, view: View) -> None:
+    """Streaks along which the water moves when half of the swim is over, brighter ahead."""
+    swim = view.swim
+    if not surroundings.is_moving(swim.around):
+        return
+    apart = view.size.max() / STREAKS
+    across, up = (np.arange(low, low + size + apart, apart) for low, size in _shown(view))
+    start = np.stack(np.meshgrid(across, up), axis=-1).reshape(-1, 2) @ view.turn
+    time = max(swim.duration / 2, 4 * surroundings.LIFE)
+    ways = surroundings.streaks(swim.around, start, time, 2 * time) @ view.turn.T
+    for piece in range(surroundings.PIECES):
+        alpha = 0.08 + 0.4 * (piece + 1) / surroundings.PIECES
+        lines = LineCollection(
+            list(ways[:, piece : piece + 2]),
+            colors="#7fb2d6",
+            linewidths=0.6,
+            alpha=alpha,
+            zorder=1,
+        )
+        panel.add_collection(lines)
+
+
+def _shown(view: View) -> list[tuple[float, float]]:
+    """Where the swim begins and how large it is (m), in either direction."""
+    return [(float(low), float(size)) for low, size in zip(view.low, view.size, strict=True)]
+
+
+def _draw_obstacles(panel: Axes, view: View, point: float) -> None:
+    """Walls and posts: the rims first, so that where two meet there is none."""
+    around = view.swim.around
+    shapes = surroundings.wall_outlines(around.walls), surroundings.post_outlines(around.posts)
+    outlines = [outline @ view.turn.T for every in shapes for outline in every]
+    rim = {"edgecolors": "#94abb8", "linewidths": max(0.01 / point, 1.0)}
+    panel.add_collection(PolyCollection(outlines, facecolors="none", zorder=1.1, **rim))
+    panel.add_collection(PolyCollection(outlines, facecolors="#334554", zorder=1.2))
+
+
+def _draw_dead(
+    panel: Axes, position: Points, angle: Float[np.ndarray, " unit"], point: float
+) -> None:
+    """Units whose thruster is dead: grey, with a cross."""
+    if not len(position):
+        return
+    boxes, width = unit_outlines(position, angle), max(0.006 / point, 0.5)
+    panel.add_collection(PolyCollection(list(boxes), facecolors="#334554", alpha=0.8, zorder=4.1))
+    marks = crosses(position, angle)
+    panel.add_collection(LineCollection(list(marks), colors=INK, linewidths=width, zorder=4.2))
 
 
 def _draw_target(panel: Axes, target: Points, point: float) -> None:
@@ -202,7 +258,7 @@ def _draw_words(
     clock = f"goal in {time}" if swim.success else f"after {time}"
     words = f"{clock}, {100 * swim.closed_fraction:.1f} % closed"
     left, text = 0.16 / width, {"transform": panel.transAxes, "va": "center", "zorder": 9}
-    title = f"{swim.length} units"
+    title = f"{swim.length} units" + ("" if swim.world == "still" else f", {swim.world}")
     panel.text(left, 1 - 0.22 / height, title, color=INK, size=11, weight="bold", **text)
     panel.text(left, 1 - 0.42 / height, words, color=FAINT, size=8, **text)
     bar = round_length(view.size[0] / 5)

@@ -13,13 +13,16 @@ import numpy as np
 
 from salpchain import given
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
 from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_text
+from salpchain.report.surroundings import is_moving
 
 MOST = 12  # trajectories in a page (chosen; more are too small to be seen)
 FOLDER = files("salpchain.report") / "page"
 SCRIPTS = {
     "drawing": "drawing.js",
+    "surroundings": "surroundings.js",
     "curves": "curves.js",
     "recorded": "recorded.js",
     "script": "replay.js",
@@ -91,15 +94,37 @@ def packed(swim: Trajectory) -> dict[str, Any]:
 
     Over 10 m the grain of positions is 0.15 mm.
     """
-    about = ("policy", "seed", "trial", "time_limit", "length", "steps", "success")
+    about = ("policy", "seed", "trial", "time_limit", "length", "steps", "success", "world")
     scale = Scale.of(swim.unit_position)
     return {
         **{name: getattr(swim, name) for name in about},
         "dt": round(swim.dt, 9),
         "target": np.round(swim.target.astype(float), 4).tolist(),
+        **packed_surroundings(swim.around, swim.length),
         **scale.packed(),
         **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),
     }
+
+
+def packed_surroundings(around: Surroundings, length: int) -> dict[str, Any]:
+    """Walls and posts (m), from which step each thruster is dead, the water in 8 bits; what there
+    is none of is left out."""
+    known: dict[str, Any] = {}
+    for name in ("walls", "posts"):
+        if len(rows := getattr(around, name)):
+            known[name] = np.round(rows.astype(float), 4).tolist()
+    if len(around.gain):
+        dead = around.gain == 0
+        known["dead"] = [int(one.argmax()) if one.any() else None for one in dead.T[:length]]
+    if is_moving(around):
+        speed = float(np.abs(around.water).max())
+        known["water"] = {
+            "shape": around.water.shape[:3],
+            "area": around.water_area.astype(float).tolist(),
+            "speed": speed,
+            "flow": _numbers(around.water / speed * 127, "<i1"),
+        }
+    return known
 
 
 class Scale(NamedTuple):

@@ -8,11 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from salpchain.evaluation.trajectory import Trajectory
+from salpchain.report import surroundings
 from salpchain.report.canvas import Canvas, shortened, text_width
 from salpchain.report.shapes import (
     LINK_WIDTH,
     REACHED,
     UNIT,
+    crosses,
     jet_outlines,
     length_name,
     place_colours,
@@ -23,6 +25,8 @@ from salpchain.report.shapes import (
 DEEP, SHALLOW = np.array([8, 29, 48]) / 255, np.array([17, 66, 92]) / 255  # of the water
 INK, FAINT, GHOST = (0.95, 0.98, 1.0), (0.56, 0.72, 0.82), (0.47, 0.76, 0.92)
 DONE = (0.55, 0.95, 0.68)
+STONE, RIM = (0.20, 0.27, 0.33), (0.58, 0.67, 0.72)
+STREAKS = 18  # along the longer side of a picture (chosen)
 SHINE = 0.18  # how far the middle of a unit is lighter than its rim (chosen)
 SPECK = 2.4  # pixels, of the smallest unit that is drawn as a box (chosen)
 TRAIL = 6.0  # s of the centroid's way that glow strongest (chosen)
@@ -67,6 +71,7 @@ class Scene:
     def _reach(self) -> Float[np.ndarray, "2 2"]:
         """Lowest and highest coordinates (m) that are shown."""
         points = np.concatenate([self.swim.unit_position.reshape(-1, 2), self.swim.target])
+        points = np.concatenate([points, surroundings.near(self.swim.around, points)])
         points = points @ self._turn.T
         low, high = points.min(axis=0), points.max(axis=0)
         margin = 0.08 + 0.03 * (high - low).max()
@@ -93,6 +98,7 @@ class Scene:
         canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
         target = self.at(self.swim.target)
         canvas.lines([target], GHOST, 2 * REACHED * self.scale, alpha=0.13)
+        self._draw_obstacles(canvas)
         if not self.title:
             return
         size, left = self.text_size, self.box.x + self.text_size
@@ -102,6 +108,41 @@ class Scene:
         canvas.text(self._columns["s"], self._words_at, "s", size, FAINT)
         canvas.text(self._columns["unit"], self._words_at, self._unit, size, FAINT)
         self.draw_scale_bar(canvas, size)
+
+    def _draw_obstacles(self, canvas: Canvas) -> None:
+        """Walls and posts: a soft shadow, the stone, its lit rim."""
+        around, rim = self.swim.around, max(1.0, 0.005 * self.scale)
+        shapes = surroundings.wall_outlines(around.walls), surroundings.post_outlines(around.posts)
+        outlines = [one for every in shapes for one in self.at(every)]
+        closed = [np.vstack([one, one[:1]]) for one in outlines]
+        canvas.lines(closed, DEEP, 6 * rim, alpha=0.35)
+        canvas.lines(closed, RIM, 2 * rim)  # of which the stone covers half, and where two meet
+        canvas.fill(outlines, STONE)
+        caps = surroundings.post_outlines(around.posts, 0.55)
+        canvas.fill(self.at(caps), RIM, alpha=0.16)
+
+    @cached_property
+    def _sources(self) -> np.ndarray:
+        """Where streaks of the water begin (m): all over the rectangle."""
+        apart = max(self.box.width, self.box.height, 300.0) / STREAKS
+        across, up = (
+            np.arange(0.5, max(np.ceil(size / apart), 1)) * apart
+            for size in (self.box.width, self.box.height)
+        )
+        pixels = np.stack(np.meshgrid(self.box.x + across, self.box.y + up), axis=-1)
+        middle = self.at(np.zeros((1, 2)))
+        return (pixels.reshape(-1, 2) - middle) / self.scale @ self._turn
+
+    def _draw_water(self, canvas: Canvas, time: float) -> None:
+        """Streaks that move with the water, brightest where each is now."""
+        swim = self.swim
+        if not surroundings.is_moving(swim.around):
+            return
+        ways = self.at(surroundings.streaks(swim.around, self._sources, time, swim.duration))
+        width = max(1.0, min(self.box.width, self.box.height) / 330)
+        for piece in range(surroundings.PIECES):
+            alpha = 0.06 + 0.34 * (piece + 1) / surroundings.PIECES
+            canvas.lines(ways[:, piece : piece + 2], GHOST, width, alpha=alpha)
 
     @cached_property
     def _unit(self) -> str:
@@ -142,11 +183,13 @@ class Scene:
         now = float(min(time / self.swim.dt, self.swim.steps))
         position = _between(self.swim.unit_position, now)
         angle = _between(self.swim.unit_angle, now)
+        self._draw_water(canvas, min(time, self.swim.duration))
         self._draw_trail(canvas, now)
         self._draw_ghosts(canvas, position, angle)
         if now < self.swim.steps:
             self._draw_jets(canvas, position, angle, self.swim.thrust[int(now)])
         self._draw_chain(canvas, position, angle)
+        self._draw_dead(canvas, position, angle, int(now))
         if self.title:
             self._draw_words(canvas, now)
 
@@ -189,6 +232,17 @@ class Scene:
             canvas.fill(outline[None], colour)
         shine = outlines.mean(axis=1, keepdims=True)
         canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=SHINE)
+
+    def _draw_dead(
+        self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, step: int
+    ) -> None:
+        """Units whose thruster is dead in this control step: grey, with a cross."""
+        dead = self.swim.around.dead(step, self.swim.length)
+        if not dead.any():
+            return
+        width = max(1.2, 0.006 * self.scale)
+        canvas.fill(self.at(unit_outlines(position[dead], angle[dead])), STONE, alpha=0.8)
+        canvas.lines(self.at(crosses(position[dead], angle[dead])), INK, width, alpha=0.95)
 
     def _draw_words(self, canvas: Canvas, now: float) -> None:
         """The numbers of clock and distance; the goal in words once it is reached."""

@@ -35,6 +35,15 @@ def unit_outlines(position: Points, angle: Float[np.ndarray, " unit"]) -> Outlin
     return _placed(signs * half + CORNER * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
 
 
+def crosses(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "line 2 2"]:
+    """Two lines (m) across each unit: the mark of a dead thruster."""
+    reach = 0.55 * (np.array(UNIT) / 2)
+    arms = np.array([[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]]) * reach
+    return _placed(np.tile(arms.reshape(4, 2), (len(angle), 1, 1)), position, angle).reshape(
+        -1, 2, 2
+    )
+
+
 def jet_outlines(
     position: Points,
     angle: Float[np.ndarray, " unit"],

@@ -118,6 +118,7 @@ def _parts(swim: Trajectory) -> dict[str, str]:
     return {
         "policy": swim.policy,
         "length": f"{swim.length} units",
+        "world": f"world {swim.world}",
         "seed": f"seed {swim.seed}",
         "trial": f"trial {swim.trial}",
     }
@@ -141,7 +142,8 @@ def _draw_header(figure: Figure, swims: Sequence[Trajectory], layout: Layout) ->
     (across, high), size, margin = layout.size, layout.text_size, layout.margin
     shared = _shared(swims)
     known = _parts(swims[0])
-    title = ", ".join(known[kind] for kind in ("policy", "length") if kind in shared)
+    kinds = [*("policy", "length"), *(["world"] if swims[0].world != "still" else [])]
+    title = ", ".join(known[kind] for kind in kinds if kind in shared)
     room, baseline = across - 2 * margin, high - 1.9 * size
     if len(swims) == 1:
         room -= _draw_outcome(figure, swims[0], across - margin, baseline, size)

@@ -4,11 +4,13 @@ import base64
 import itertools
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
 from salpchain.report.replay import page, write_replay
 from tests.report.swims import swim
 from tests.web.browser import open_browser, shoot, until, watched
@@ -36,6 +38,18 @@ def test_positions_come_back_to_a_fifth_of_a_millimetre_and_angles_to_a_minute()
     np.testing.assert_allclose(numbers(packed["distance"], "<f4"), one.distance, rtol=1e-6)
 
 
+def test_a_page_has_what_is_around_a_swim_and_only_what_there_is():
+    gain = np.ones((39, 3))
+    gain[5:, 1] = 0.0
+    water = np.full((2, 1, 1, 2), [0.02, -0.04])
+    around = Surroundings(np.array([[0, 1, 2, 3, 0.1]]), np.zeros((0, 3)), gain, water)
+    plain, packed = data_of(page([swim(3), replace(swim(3), world="rough", around=around)]))
+    assert packed["walls"] == [[0, 1, 2, 3, 0.1]] and packed["dead"] == [None, 5, None]
+    flow = numbers(packed["water"]["flow"], "<i1") * packed["water"]["speed"] / 127
+    np.testing.assert_allclose(flow.reshape(water.shape), water, atol=2e-4)
+    assert "posts" not in packed and not {"walls", "posts", "dead", "water"} & plain.keys()
+
+
 def test_512_steps_of_64_units_take_less_than_a_megabyte():
     assert len(page([swim(64, times=513)])) < 1_000_000
 
@@ -43,7 +57,7 @@ def test_512_steps_of_64_units_take_less_than_a_megabyte():
 def test_a_name_that_looks_like_html_stays_a_name():
     evil = "</script><script>alert(1)</script><!--{{script}}"
     text = page([swim(3, policy=evil)])
-    assert text.count("<script") == 5 and evil not in text
+    assert text.count("<script") == 6 and evil not in text
     assert data_of(text)[0]["policy"] == evil
 
 

@@ -2,14 +2,16 @@
 
 import itertools
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
 from salpchain.report.canvas import Canvas, text_width
-from salpchain.report.scene import Box, Scene
+from salpchain.report.scene import INK, STONE, Box, Scene
 from salpchain.report.shapes import (
     jet_outlines,
     jet_size,
@@ -65,6 +67,29 @@ def test_progress_moves_while_the_frames_of_a_gif_get_their_colours(tmp_path):
     write_video([one], tmp_path / "x.gif", SMALL, told.append)
     assert told == sorted(told) and told[-1] == 1
     assert len([share for share in told if share >= 0.5]) > num_frames([one], SMALL)
+
+
+def test_a_post_stands_where_it_is_water_streaks_move_and_the_dead_turn_grey():
+    still = swim(3, bearing=0.0)
+    gain = np.ones((39, 3))
+    gain[20:, 1] = 0.0
+    water = np.full((1, 1, 1, 2), 0.1)
+    post = np.array([[0.3, 0.3, 0.05]])
+    around = Surroundings(posts=post, gain=gain, water=water)
+    scene = Scene(replace(still, around=around), Box(0.0, 0.0, 640.0, 360.0), "")
+    shown = {}
+    for time in (1.0, 2.5):
+        canvas = Canvas(640, 360)
+        scene.draw_still(canvas)
+        scene.draw(canvas, time)
+        shown[time] = canvas.copy()
+    x, y = np.round(scene.at(post[0, :2] + [0.04, 0.0])).astype(int)
+    assert near(shown[1.0][359 - y : 360 - y, x : x + 1], STONE) == 1
+    for time, crossed in ((1.0, False), (2.5, True)):
+        x, y = np.round(scene.at(still.unit_position[round(10 * time), 1])).astype(int)
+        assert (near(shown[time][357 - y : 362 - y, x - 2 : x + 3], INK, 30) > 0) == crossed
+    corner = [pixels[:120, :120].astype(int) for pixels in shown.values()]
+    assert np.abs(corner[0] - corner[1]).max() > 20
 
 
 def test_a_gif_goes_round_for_ever(tmp_path):

@@ -9,11 +9,13 @@ const Salp = (() => {
       top: "#124a66", bottom: "#061a2c", ink: "#f2f9ff", faint: "rgba(170, 210, 232, 0.75)",
       ghost: "120, 196, 236", link: "#d5e6ef", edge: "rgba(4, 18, 32, 0.75)",
       jet: "235, 248, 255", speck: "190, 228, 245", done: "#8cf3ad",
+      stone: "#334554", rim: "#94abb8",
     },
     light: {
       top: "#dff6fb", bottom: "#9fd8e8", ink: "#06283c", faint: "rgba(8, 58, 84, 0.8)",
       ghost: "9, 96, 138", link: "#f8fdff", edge: "rgba(6, 52, 78, 0.7)",
       jet: "255, 255, 255", jetEdge: "6, 70, 105", speck: "255, 255, 255", done: "#00693a",
+      stone: "#7d919c", rim: "#eef5f8",
     },
   };
   const dark = window.matchMedia("(prefers-color-scheme: dark)");

@@ -29,6 +29,7 @@
       for (let i = 0; i < n; i++) sum += Math.abs(swim.thrust(t, i));
       return sum / n;
     });
+    if (packed.water) Surroundings.unpack(swim, new Int8Array(bytes(packed.water.flow)));
     if (packed.targets) Recorded.unpack(swim, bytes);
     swim.camera = new Salp.Camera();
     return swim;
@@ -41,7 +42,10 @@
   const state = { time: 0, playing: false, speed: 2, touched: false };
   const water = get("water"), curves = get("curves");
 
-  function name(swim) { return `${swim.policy}, ${swim.length} units`; }
+  function name(swim) {
+    const where = !swim.world || swim.world === "still" ? "" : `, ${swim.world}`;
+    return `${swim.policy}, ${swim.length} units${where}`;
+  }
 
   function words() {
     get("title").textContent = world ? world.title : swims.length === 1 ? name(swims[0]) : `${swims.length} swims`;
@@ -55,7 +59,7 @@
 
   // All points that a swim comes to, few of them.
   function reach(swim) {
-    const points = [...swim.target];
+    const points = [...swim.target, ...Surroundings.corners(swim)];
     const stride = Math.max(1, Math.floor(swim.times / 60));
     for (let t = 0; t < swim.times; t += stride) {
       for (let i = 0; i < swim.length; i++) points.push([swim.x(t, i), swim.y(t, i)]);
@@ -118,7 +122,7 @@
         x: Salp.between(swim.x(first, i), swim.x(last, i), part),
         y: Salp.between(swim.y(first, i), swim.y(last, i), part),
         angle: Salp.betweenAngles(swim.angle(first, i), swim.angle(last, i), part),
-        thrust: swim.thrust(first, i), place: i / (swim.length - 1), off: swim.off?.includes(i),
+        thrust: swim.thrust(first, i), place: i / (swim.length - 1), off: swim.off?.includes(i) || (swim.dead?.[i] ?? Infinity) <= first,
       });
     }
     return units;
@@ -142,6 +146,8 @@
     ctx.rect(left, top, width, height);
     ctx.clip();
     Salp.water(ctx, camera, state.time);
+    Surroundings.streaks(ctx, swim, now * swim.dt);
+    Surroundings.draw(ctx, swim);
     drawBodies(ctx, swim, now, units);
     Salp.scaleBar(ctx, camera);
     const done = swim.success && now >= swim.steps, look = Salp.theme();
