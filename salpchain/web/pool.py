@@ -14,12 +14,14 @@ from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller
 from salpchain.networks.config import SINGLE_LENGTH
-from salpchain.physics.chain import step
-from salpchain.physics.state import Bodies, Chain, Physics, heading
+from salpchain.physics.state import Bodies, Chain, heading
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
+from salpchain.world.current import Uniform
+from salpchain.world.thrusters import Thrusters
+from salpchain.world.world import World
 
 SLOTS = (64, 128)  # units of all chains together, of a compiled step (chosen)
 CHAINS = 6  # that swim at once (chosen)
@@ -113,7 +115,7 @@ def empty(slots: int) -> Packed:
 def _advance(rest: Any, weights: Any, packed: Packed) -> Moved:
     """Each chain is steered by itself; then all of them move together and may touch."""
     controller, slots = eqx.combine(weights, rest), len(packed.units)
-    card, physics = controller.card, Physics()
+    card, world = controller.card, _world(packed)
     env = SCLD(TaskConfig(slots, card.observation, card.action))
     chain = _chain(packed)
     force = packed.thrust[:, None] * heading(chain.units.angle)
@@ -125,8 +127,8 @@ def _advance(rest: Any, weights: Any, packed: Packed) -> Moved:
 
     alive = (packed.count > 0).sum()
     thrust = jax.lax.fori_loop(0, alive, steer, jnp.zeros(slots))
-    thrust = jnp.where(packed.works, thrust, 0.0)
-    chain = step(_carried(chain, packed, physics), thrust, physics)
+    thrust = world.thrust(thrust, packed.thrust, jnp.int32(0))
+    chain = world.step(_kicked(chain, packed), thrust)
 
     def judge(index: Array, results: tuple[Array, Array]) -> tuple[Array, Array]:
         own, target, _ = _alone(packed, chain, force, index)
@@ -206,16 +208,15 @@ def _act_at_one_length(
     return jnp.zeros((slots, action.shape[1])).at[:length].set(action)
 
 
-def _carried(chain: Chain, packed: Packed, physics: Physics) -> Chain:
-    """With kicks, and with drag relative to moving water.
+def _world(packed: Packed) -> World:
+    """The water and the thrusters as they are in this step."""
+    working = jnp.asarray(packed.works).astype(float)
+    return World(current=Uniform(packed.current), thrusters=Thrusters(gain=working))
 
-    Drag multiplies v by k = 1 - drag; with water at c it should give c + k (v - c), which is
-    k (v + c drag / k).
-    """
-    drift = packed.current * (physics.drag / (1 - physics.drag))
-    units = chain.units.velocity + packed.kick + drift
-    links = chain.links.velocity + drift
-    return eqx.tree_at(lambda c: (c.units.velocity, c.links.velocity), chain, (units, links))
+
+def _kicked(chain: Chain, packed: Packed) -> Chain:
+    """With the kicks of this step added to the units' velocities."""
+    return eqx.tree_at(lambda c: c.units.velocity, chain, chain.units.velocity + packed.kick)
 
 
 def _bodies(columns: Float[Array, "body 6"]) -> Bodies:
