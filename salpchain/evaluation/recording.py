@@ -13,7 +13,8 @@ from jaxtyping import Array, Float, Int, Key
 from salpchain.checks import check_seed
 from salpchain.controllers import named
 from salpchain.controllers.identity import identity
-from salpchain.controllers.policy import Controller, act, begin
+from salpchain.controllers.policy import Controller, begin
+from salpchain.evaluation import episodes
 from salpchain.evaluation.config import Lengths, as_lengths, lengths_as_text
 from salpchain.evaluation.progress import Progress, compiling, telling
 from salpchain.evaluation.survey import surroundings
@@ -21,7 +22,6 @@ from salpchain.evaluation.trajectory import Trajectory
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.files import StrPath
 from salpchain.given import function, whole
-from salpchain.physics.batching import where
 from salpchain.physics.state import Bodies
 from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
@@ -43,6 +43,13 @@ class Frame(NamedTuple):
     reward: Float[Array, "*chain"]
     gain: Float[Array, "*chain unit"] | None  # of the thrusters, where they may be broken
     current: Any  # the arrays of the water's motion, if it moves
+
+
+class Recorded(eqx.Module):
+    """An episode with its latest steps: frame i is that of step i + 1, and AT_ONCE further on."""
+
+    state: State
+    frames: Frame  # (AT_ONCE, ...)
 
 
 @own_mesh
@@ -74,8 +81,8 @@ def record(
     env = domain_for([controller], max(lengths), time_limit, water)
     units = f"{lengths_as_text(lengths)} units"
     with telling(function("progress", progress), name, units) as tell:
-        start = _starts(env, lengths, seed, trial)
-        states, frames = _play_out(env, controller, start, tell)
+        begun = _starts(env, lengths, seed, trial)
+        states, frames = _play_out(env, controller, begun, tell)
     about = {"policy": name, "identity": identity(controller)}
     about |= {"seed": seed, "trial": trial, "time_limit": time_limit, "world": label(water)}
     return [_trajectory(env, about, states, frames, i, n) for i, n in enumerate(lengths)]
@@ -88,8 +95,8 @@ def _trajectory(
     steps, target = int(states.time[index]), np.asarray(states.target[index, :length])
     arrays = _fields(frames, index, length, steps)
     world = env.world_of(jax.tree.map(lambda x: x[index], states))
-    gain = None if frames.gain is None else frames.gain[1 : steps + 1, index, :length]
-    current = jax.tree.map(lambda x: x[: steps + 1, index], frames.current)
+    gain = None if frames.gain is None else frames.gain[index, 1 : steps + 1, :length]
+    current = jax.tree.map(lambda x: x[index, : steps + 1], frames.current)
     points = np.concatenate([arrays["unit_position"].reshape(-1, 2), target])
     return Trajectory(
         **about,
@@ -101,54 +108,59 @@ def _trajectory(
     )
 
 
-def _starts(env: SCLD, lengths: list[int], seed: int, trial: int) -> State:
+def _starts(env: SCLD, lengths: list[int], seed: int, trial: int) -> Recorded:
     """The trial of each length before its first step."""
     keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
     return _begin(env, jnp.concatenate(keys), jnp.array(lengths))
 
 
 def _play_out(
-    env: SCLD, controller: Controller, states: State, tell: Callable[[float], None]
+    env: SCLD, controller: Controller, swims: Recorded, tell: Callable[[float], None]
 ) -> tuple[State, Frame]:
-    """The last states, and all frames (time, chain, ...) from the start on."""
-    limit = max(step_limit(env.config.time_limit, int(length)) for length in states.length)
-    frames = [jax.tree.map(lambda x: np.asarray(x)[None], _frame(env, states))]
-    memory = jax.vmap(lambda state: begin(controller, state))(states)
-    while not bool(states.done.all()):
-        states, memory, more = _play(env, controller, states, memory)
-        frames.append(jax.tree.map(np.asarray, more))
-        tell(min((len(frames) - 1) * AT_ONCE / limit, 1.0))
+    """The last states, and all frames (chain, time, ...) from the start on."""
+    limit = max(step_limit(env.config.time_limit, int(n)) for n in swims.state.length)
+    frames = [jax.tree.map(lambda x: np.asarray(x)[:, :1], swims.frames)]
+    memory, played = jax.vmap(lambda state: begin(controller, state))(swims.state), 0
+    while not bool(swims.state.done.all()):
+        played += AT_ONCE
+        swims, memory = _play(env, controller, swims, memory, jnp.int32(played))
+        frames.append(jax.tree.map(np.asarray, swims.frames))
+        tell(min(played / limit, 1.0))
     tell(1.0)
-    return states, jax.tree.map(lambda *parts: np.concatenate(parts), *frames)
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *frames)
+    return swims.state, whole
 
 
 @eqx.filter_jit
-def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> State:
+def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> Recorded:
+    """The chains before their first step; all frames are the start."""
     compiling()
-    return jax.vmap(env.reset)(keys, lengths)
+    states = jax.vmap(env.reset)(keys, lengths)
+    first = jax.vmap(partial(_frame, env))(states)
+    frames = jax.tree.map(lambda x: jnp.repeat(x[:, None], AT_ONCE, axis=1), first)
+    return Recorded(states, frames)
 
 
 @eqx.filter_jit
 def _play(
-    env: SCLD, controller: Controller, states: State, memory: Any
-) -> tuple[State, Any, Frame]:
-    """Some steps on; a chain stays as it is once its episode has ended."""
+    env: SCLD, controller: Controller, swims: Recorded, memory: Any, until: Int[Array, ""]
+) -> tuple[Recorded, Any]:
+    """The swims after control step `until`; a chain stays as it is once its episode has ended."""
     compiling()
-
-    def advance(now: tuple[State, Any], _: None) -> tuple[tuple[State, Any], Frame]:
-        states, memory = now
-        action, memory = jax.vmap(lambda state, own: act(controller, state, own))(states, memory)
-        states = where(states.done, states, jax.vmap(env.step)(states, action))
-        return (states, memory), _frame(env, states)
-
-    (states, memory), frames = jax.lax.scan(advance, (states, memory), None, length=AT_ONCE)
-    return states, memory, frames
+    step = partial(episodes.alone, env, controller, partial(_keep, env))
+    return episodes.play(step, swims, memory, until)
 
 
-def _frame(env: SCLD, states: State) -> Frame:
-    chain = states.chain
-    gain = None if env.world.thrusters is None else jax.vmap(partial(_gain, env))(states)
-    return Frame(chain.units, chain.links, states.thrust, states.reward, gain, states.world.current)
+def _keep(env: SCLD, swim: Recorded, state: State) -> Recorded:
+    place = (state.time - 1) % AT_ONCE
+    kept = jax.tree.map(lambda x, new: x.at[place].set(new), swim.frames, _frame(env, state))
+    return Recorded(state, kept)
+
+
+def _frame(env: SCLD, state: State) -> Frame:
+    chain = state.chain
+    gain = None if env.world.thrusters is None else _gain(env, state)
+    return Frame(chain.units, chain.links, state.thrust, state.reward, gain, state.world.current)
 
 
 def _gain(env: SCLD, state: State) -> Float[Array, " unit"]:
@@ -162,7 +174,7 @@ def _fields(frames: Frame, chain: int, length: int, steps: int) -> dict[str, Any
 
     def bodies(name: str, kept: Bodies, count: int) -> dict[str, Any]:
         return {
-            f"{name}_{part}": np.asarray(getattr(kept, part))[: steps + 1, chain, :count]
+            f"{name}_{part}": np.asarray(getattr(kept, part))[chain, : steps + 1, :count]
             for part in ("position", "angle", "velocity", "angular_velocity")
         }
 
@@ -170,6 +182,6 @@ def _fields(frames: Frame, chain: int, length: int, steps: int) -> dict[str, Any
         "length": length,
         **bodies("unit", frames.units, length),
         **bodies("link", frames.links, length - 1),
-        "thrust": np.asarray(frames.thrust)[1 : steps + 1, chain, :length],
-        "reward": np.asarray(frames.reward)[1 : steps + 1, chain],
+        "thrust": np.asarray(frames.thrust)[chain, 1 : steps + 1, :length],
+        "reward": np.asarray(frames.reward)[chain, 1 : steps + 1],
     }

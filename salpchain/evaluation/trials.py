@@ -12,18 +12,19 @@ import numpy as np
 import pandas as pd
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, Bool, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Int, Key, PRNGKeyArray
 
 from salpchain.checks import check_length, check_seed
-from salpchain.controllers.policy import Controller, Planner, act, begin
+from salpchain.controllers.policy import Controller, Planner
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.errors import InputError
+from salpchain.evaluation import episodes
 from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.difficulty import centroid, start_of
+from salpchain.evaluation.episodes import Memories
 from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
 from salpchain.networks.config import SINGLE_LENGTH
-from salpchain.physics.batching import where
 from salpchain.switches import own_mesh
 from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
@@ -37,7 +38,6 @@ WORTH = 20_000_000  # steps of a unit left to compute, worth compiling a smaller
 REPORTS = 16  # times that progress is reported in a batch (chosen)
 
 Progress = Callable[[float], None]  # told the share of the work that is done
-Memories = tuple[Any, ...]  # what each controller remembers
 
 
 def run_trials(
@@ -233,7 +233,7 @@ def _play_out(
     Those that have ended leave the batch when few go on.
     """
     swimming, places = trials, np.arange(len(trials.effort))
-    memories, last, ends = _remember(controllers, trials), limits[-1], []
+    memories, last, ends = episodes.remember(controllers, trials.state), limits[-1], []
     stride = -(-last // REPORTS)
     _compile(env, controllers, swimming, memories, trials)
     progress(0.0)
@@ -292,15 +292,6 @@ def _take(batch: Any, places: np.ndarray) -> Any:
 
 
 @eqx.filter_jit
-def _remember(controllers: Sequence[Controller], trials: Trial) -> Memories:
-    """What each controller remembers before its first step, for each trial."""
-    own = [_own(trials.state, i, axis=1) for i in range(len(controllers))]
-    return tuple(
-        jax.vmap(partial(begin, one))(states) for one, states in zip(controllers, own, strict=True)
-    )
-
-
-@eqx.filter_jit
 def play(
     env: SCLD,
     controllers: Sequence[Controller],
@@ -313,7 +304,9 @@ def play(
     weights, rest = eqx.partition(controllers, eqx.is_array)
 
     def mine(weights: Any, trials: Trial, memories: Memories, until: Array) -> Any:
-        return _play(env, eqx.combine(weights, rest), trials, memories, until)
+        crew = eqx.combine(weights, rest)
+        step = partial(episodes.abreast, env, crew, partial(_add_up, env))
+        return episodes.play(step, trials, memories, until)
 
     shared = jax.shard_map(
         mine,
@@ -323,39 +316,6 @@ def play(
         check_vma=False,
     )
     return shared(weights, trials, memories, until)
-
-
-def _play(
-    env: SCLD,
-    controllers: Sequence[Controller],
-    trials: Trial,
-    memories: Memories,
-    until: Int[Array, ""],
-) -> tuple[Trial, Memories]:
-    def going(now: tuple[Trial, Memories]) -> Bool[Array, ""]:
-        return (~now[0].state.done & (now[0].state.time < until)).any()
-
-    def advance(now: tuple[Trial, Memories]) -> tuple[Trial, Memories]:
-        trials, memories = now
-        after, memories = jax.vmap(partial(_advance, env, controllers))(trials, memories)
-        return where(trials.state.done, trials, after), memories
-
-    return jax.lax.while_loop(going, advance, (trials, memories))
-
-
-def _advance(
-    env: SCLD, controllers: Sequence[Controller], trials: Trial, memories: Memories
-) -> tuple[Trial, Memories]:
-    """One control step of one trial, for each controller (first axis)."""
-    own = [_own(trials.state, i) for i in range(len(controllers))]
-    acted = [act(*each) for each in zip(controllers, own, memories, strict=True)]
-    states = jax.vmap(env.step)(trials.state, jnp.stack([action for action, _ in acted]))
-    return jax.vmap(partial(_add_up, env))(trials, states), tuple(memory for _, memory in acted)
-
-
-def _own(states: State, controller: int, axis: int = 0) -> State:
-    """The states of one controller."""
-    return jax.tree.map(lambda x: x[(slice(None),) * axis + (controller,)], states)
 
 
 def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:

@@ -10,7 +10,7 @@ from dataclasses import is_dataclass, replace
 from operator import attrgetter
 from typing import Any, get_type_hints
 
-from salpchain.checks import KINDS, check_length, is_kind, one_of
+from salpchain.checks import KINDS, check_length, check_seed, is_kind, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.config import Lengths, as_lengths, parse_lengths
 from salpchain.given import instance, told
