@@ -21,8 +21,9 @@ def told(value: Any) -> str:
     """The value in a few words: as Python writes it, or what it is where that would be long."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    if getattr(value, "shape", ()):
-        return f"{type(value).__name__} of shape {tuple(value.shape)}"
+    shape = getattr(value, "shape", ())
+    if isinstance(shape, tuple) and shape:
+        return f"{type(value).__name__} of shape {shape}"
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else f"a value of type {type(value).__name__}"
 

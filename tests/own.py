@@ -1,6 +1,15 @@
 """What users write in modules of their own; tests name it as `tests.own:NAME`."""
 
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS, minus, scalar_feature
+from salpchain.tasks.reach.targets import draw, spawn
+from salpchain.tasks.state import Judgement, Start
+from salpchain.tasks.task import Task
 
 SPEED = scalar_feature(
     "speed", "m/s", lambda view: view.root(view.velocity[0] ** 2 + view.velocity[1] ** 2)
@@ -8,3 +17,38 @@ SPEED = scalar_feature(
 FASTER = (*OBSERVATIONS["proximity"], SPEED)
 NOT_FEATURES = ("speed", "place")
 AHEAD = minus  # an object that is neither
+
+
+@dataclass(frozen=True)
+class HoverConfig(TaskConfig):
+    """Settings of `Hover`."""
+
+    softness: float = 0.05  # m
+
+
+class Hover(Task):
+    """Stay where you are."""
+
+    config: HoverConfig = eqx.field(default_factory=HoverConfig, static=True)
+
+    @property
+    def weights(self):
+        return {"near": 1.0}
+
+    def begin(self, key, draw_key, length, physics):
+        chain = spawn(draw(draw_key), self.config.length, length, physics)
+        return Start(chain, chain.units.position)
+
+    def judge(self, before, after):
+        near = jnp.exp(-after.distances.mean / self.config.softness)
+        return Judgement({"near": near}, jnp.zeros((), bool))
+
+    def gauge(self, state):
+        return {"drift": state.distances.mean}
+
+
+class Shapeless(Hover):
+    """A task whose reward is no number."""
+
+    def judge(self, before, after):
+        return Judgement({"near": after.chain.units.angle}, jnp.zeros((), bool))

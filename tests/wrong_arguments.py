@@ -31,7 +31,7 @@ from salpchain.report import figures, picture, replay, video
 from salpchain.report.picture import chains_picture
 from salpchain.report.replay import write_replay
 from salpchain.report.video import Film, write_video
-from salpchain.tasks.task import renew_done
+from salpchain.tasks.renew import renew_done
 from salpchain.training import run_folder
 
 

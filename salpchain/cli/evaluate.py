@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from salpchain.checks import check_seed, one_of
-from salpchain.cli.options import Flag, Folder, Lengths, Whole, World, number, positive, text_option
+from salpchain.cli.options import (
+    Flag,
+    Folder,
+    Lengths,
+    Task,
+    Whole,
+    World,
+    number,
+    positive,
+    text_option,
+)
+from salpchain.cli.settings import Sets, changed
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
@@ -45,7 +56,13 @@ class Evaluate:
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
+    task: Task = ""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
+    one of your own, module:Class. Default: what the policy was trained for."""
     world: World = "still"
+    set: Sets = ()
+    """Any number of the task or the world, such as task.speed=0.1 or world.current.speed=0:0.08;
+    may be given several times. docs/settings.md lists them."""
     out: Folder = ""
     """Folder for the two files. Results in it of another policy, or of other trials, are kept and
     these are refused. Default: evaluation in the run folder, else evaluation-NAME in the working
@@ -64,12 +81,14 @@ def run(options: Evaluate) -> None:
     trials, seed = positive("trials", options.trials), number("seed", options.seed)
     check_seed(seed)
     one_of("time limit", options.time_limit, TIME_LIMITS)
-    world = world_config(options.world)
     check_there(options.policy)
+    world, task = changed(world_config(options.world), options.task, options.set)
     from salpchain.devices import use_devices
 
     use_devices()  # before JAX starts, which reading a policy does
     tested = load(options.policy)
+    if task is None:
+        world, task = changed(world, tested.card.task_name, options.set, tested.card.trained_for)
     for length in lengths:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
@@ -80,7 +99,7 @@ def run(options: Evaluate) -> None:
     with share_display("testing", _programs(tested, lengths)) as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
-            progress=watch, overwrite=options.overwrite, world=world,
+            progress=watch, overwrite=options.overwrite, world=world, task=task,
         )  # fmt: skip
     learned_in = tested.card.world
     if learned_in not in ("still", options.world):
@@ -109,7 +128,8 @@ def _print(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         say(note)
         say(said)
         return
-    show(table(summary), difficulty_table(summary))
+    tables = [table(summary), *([] if summary.get("measures") else [difficulty_table(summary)])]
+    show(*tables)
     if note:
         print(note)
     print(said)

@@ -27,6 +27,7 @@ WORLD = (
     f"{', '.join(DRAWN[:-1])} or {DRAWN[-1]} (docs/world.md)."
 )
 World = Annotated[str, tyro.conf.arg(metavar="NAME", help=WORLD, help_behavior_hint="")]
+Task = Annotated[str, text_option("NAME|module:Class")]
 Flag = Annotated[bool, tyro.conf.arg(help_behavior_hint="")]
 
 MOST = 1_000_000  # trials or chains that one may ask for (chosen)

@@ -13,6 +13,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
 from salpchain.report.labels import labels
 from salpchain.tasks.config import TIME_LIMITS
+from salpchain.tasks.registry import as_config as task_config
 from salpchain.world.presets import world_config
 
 if TYPE_CHECKING:
@@ -24,7 +25,13 @@ Decimal = Annotated[str, text_option("NUMBER")]
 
 
 def trajectories(
-    sources: Sequence[str], lengths: str, seed: str, trial: str, time_limit: str, world: str
+    sources: Sequence[str],
+    lengths: str,
+    seed: str,
+    trial: str,
+    time_limit: str,
+    world: str,
+    task: str,
 ) -> list["Trajectory"]:
     """For each source its swims: a recorded one (`.npz`), or one trial of each length.
 
@@ -40,6 +47,7 @@ def trajectories(
         raise InputError(f"--trial must be 0 or more, got {which}")
     one_of("time limit", time_limit, TIME_LIMITS)
     water = world_config(world)
+    kind = task_config(task) if task else None
     files, controllers = _read(sources, wanted)
     swims: list[tuple[str, Trajectory]] = []
     for source in sources:
@@ -51,7 +59,7 @@ def trajectories(
 
         with share_display("recording") as watch:
             asked = controllers[source], wanted, time_limit, start, which
-            made = record(*asked, progress=watch, world=water)
+            made = record(*asked, progress=watch, world=water, task=kind)
         swims += [(source, swim) for swim in made]
     return _told_apart(swims)
 

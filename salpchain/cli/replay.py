@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Lengths, Whole, World, text_option
+from salpchain.cli.options import Flag, Lengths, Task, Whole, World, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.cli.video import sources_of
@@ -37,6 +37,9 @@ class Replay:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    task: Task = ""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
+    one of your own, module:Class. Default: what the policy was trained for."""
     world: World = "still"
     overwrite: Flag = False
     """Replace the file if it exists."""
@@ -47,6 +50,7 @@ def run(options: Replay) -> None:
     sources = sources_of("", options.sources, "replay")
     out = check_out(options.out, (".html",), "replay")
     asked = options.length, options.seed, options.trial, options.time_limit, options.world
+    asked = *asked, options.task
     from salpchain.report.replay import write_replay
 
     with writing(out):

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from salpchain.checks import check_length
-from salpchain.cli.options import Flag, Whole, World, number, text_option
+from salpchain.cli.options import Flag, Task, Whole, World, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
 from salpchain.controllers.named import load
@@ -36,6 +36,9 @@ class Rollout:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    task: Task = ""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
+    one of your own, module:Class. Default: what the policy was trained for."""
     world: World = "still"
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write. One that holds another episode is kept, and this one refused."""
@@ -55,7 +58,7 @@ def run(options: Rollout) -> None:
     with writing(out):
         if out.exists() and not options.overwrite:
             _check_same(out, options)
-        (swim,) = trajectories([options.policy], *asked)
+        (swim,) = trajectories([options.policy], *asked, options.task)
         swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
     closed = f"{100 * swim.closed_fraction:.1f} % closed"

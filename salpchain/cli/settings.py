@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,9 +12,22 @@ from salpchain.cli.options import text_option
 from salpchain.errors import InputError
 from salpchain.evaluation.config import lengths_as_text
 from salpchain.files import read_json
-from salpchain.training.config import TrainConfig
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.registry import configured
+from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.run_folder import CONFIG_FILE, FORMAT, check_run
-from salpchain.training.settings import SETTINGS, check_path, checked, flat, overlay, typed
+from salpchain.training.settings import (
+    SETTINGS,
+    check_path,
+    checked,
+    compose,
+    flat,
+    laid_over,
+    overlay,
+    task_of,
+    typed,
+)
+from salpchain.world.config import WorldConfig
 
 Sets = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, text_option("PATH=VALUE", name="set")]
 File = Annotated[str, text_option("FILE")]
@@ -45,10 +59,12 @@ def read_settings(name: str) -> dict[str, Any]:
         _check_format(content.get("format"), path)
         content = content["config"]
     try:
-        values = {path: checked(path, value) for path, value in _flattened(content).items()}
+        flattened = _flattened(content)
+        task = task_of(flattened)
+        values = {path: checked(path, value, task) for path, value in flattened.items()}
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return {**flat(TrainConfig()), **values} if of_run else values
+    return {**flat(compose({"preset": CUSTOM, "task.name": task})), **values} if of_run else values
 
 
 def _json(path: Path) -> Any:
@@ -73,6 +89,8 @@ def _check_format(version: Any, path: Path) -> None:
         raise InputError(f"{path} was made by a newer salpchain: upgrade salpchain")
 
 
+# Settings of the task that the policy and other options say
+FIXED = {f"task.{name}" for name in ("name", "length", "observation", "action", "time_limit")}
 TABLES = {path[:i] for path in SETTINGS for i, letter in enumerate(path) if letter == "."}
 
 
@@ -91,6 +109,25 @@ def _flattened(content: Any, above: str = "") -> dict[str, Any]:
     return values
 
 
+def changed(
+    world: WorldConfig, task: str, sets: Sequence[str], base: TaskConfig | None = None
+) -> tuple[WorldConfig, TaskConfig | None]:
+    """A world and a task with what `--set` says of them; no task where none is named.
+
+    Raises:
+        InputError: no such task; a setting of something else, or an invalid one.
+    """
+    if not task:
+        return world, None
+    values = typed(sets, task)
+    for path in values:
+        if not path.startswith(("task.", "world.")) or path in FIXED:
+            raise InputError(f"--set {path} is no setting of a test: give task.... or world....")
+    config = replace(TrainConfig(), world=world, task=base or configured(TaskConfig(), task))
+    config = laid_over(config, values)
+    return config.world, config.task
+
+
 def combined(
     file: str, sets: Sequence[str], options: Mapping[str, tuple[str, Any]]
 ) -> dict[str, Any]:
@@ -101,13 +138,14 @@ def combined(
     Raises:
         InputError: as `read_settings` and `typed`; two that contradict each other.
     """
-    above = typed(sets)
+    below = read_settings(file) if file else {}
+    given = {path: value for path, (_, value) in options.items()}
+    above = typed(sets, task_of({**below, **given}))
     for path, (name, value) in options.items():
         if above.get(path, value) != value:
             raise InputError(f"--set {path} and --{name} contradict each other: leave one out")
-    above |= {path: value for path, (_, value) in options.items()}
+    above |= given
     _check_lengths_agree(above, options)
-    below = read_settings(file) if file else {}
     if below.get("preset", above.get("preset")) != above.get("preset", below.get("preset")):
         raise InputError(
             f"{file} says preset {below['preset']}, {above['preset']} was given: leave the preset"
@@ -134,7 +172,7 @@ def check_agrees(asked: Mapping[str, Any], config: TrainConfig, run: Path) -> No
     """Raise InputError unless the run has these settings, by path."""
     has = flat(config)
     for path, value in asked.items():
-        check_path(path)
+        check_path(path, config.task.name)
         if has[path] != value:
             raise InputError(
                 f"--resume goes on with the settings of {run}, but {path} is {has[path]} in the"

@@ -30,10 +30,15 @@ def table(summary: Summary) -> Table:
     others = baseline["lengths"] if baseline else [None] * len(summary["lengths"])
     trials = max(entry["trials"] for entry in summary["lengths"])
     about = f"{trials} trials, {summary['time_limit']} time limit, seed {summary['seed']}"
+    if summary.get("task", "reach") != "reach":
+        about += f", task {escape(summary['task'])}"
     if summary.get("world", "still") != "still":
         about += f", world {escape(summary['world'])}"
+    title = f"{summary['policy']}: {about}"
+    if summary.get("measures"):
+        return _own_table(summary, title, others)
     made = Table(
-        title=f"{summary['policy']}: {about}",
+        title=title,
         caption="percent [95 % interval]; steps: median to the goal; time: median of steps over the"
         " fewest that physics allows; limit: what physics allows to be closed",
         title_justify="left",
@@ -49,6 +54,38 @@ def table(summary: Summary) -> Table:
     for own, other in zip(summary["lengths"], others, strict=True):
         made.add_row(*_cells(own, other))
     return made
+
+
+def _own_table(summary: Summary, title: str, others: list[Any]) -> Table:
+    """The measures of a task that has its own, and the baseline's below the policy's."""
+    made = Table(
+        title=title,
+        caption="means [95 % interval]; lengths in m, times in steps, shares of 1",
+        title_justify="left",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    made.add_column("length", justify="right")
+    made.add_column("policy", no_wrap=True)
+    for name in summary["measures"]:
+        made.add_column(name.replace("_", "\n"), justify="right")
+    for own, other in zip(summary["lengths"], others, strict=True):
+        for whose, row in ((summary["policy"], own), ("greedy", other)):
+            if row:
+                cells = [_measured(row[name]) for name in summary["measures"]]
+                made.add_row(str(own["length"]), whose, *cells)
+    return made
+
+
+def _measured(value: dict[str, Any]) -> str:
+    """Mean and interval in three digits."""
+    mean, low, high = (value[name] for name in ("mean", "low", "high"))
+    if mean is None:
+        return "-"
+    if low is None or low == high:
+        return f"{mean:.3g}"
+    return escape(f"{mean:.3g} [{low:.3g}, {high:.3g}]")
 
 
 ASKED = {

@@ -10,6 +10,7 @@ from salpchain.cli.options import (
     Folder,
     Lengths,
     Name,
+    Task,
     Whole,
     World,
     decimals,
@@ -34,6 +35,7 @@ PATHS = {
     "graph": "control.graph",
     "observation": "task.observation",
     "world": "world.name",
+    "task": "task.name",
     "seed": "seed",
     "steps": "steps",
     "weights": "mix.weights",
@@ -77,6 +79,9 @@ class Train:
     (proximity without the place in the chain), metric (proximity with what is far in metres),
     around (proximity, the water, the nearest surface, the own thruster) or one of your own,
     module:NAME."""
+    task: Task = ""
+    """What it is to do: reach (the paper's: take a target pose; default), follow (a target that
+    moves), or one of your own, module:Class."""
     world: World = ""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
@@ -159,7 +164,7 @@ def _asked(options: Train) -> dict[str, Any]:
     Raises:
         InputError: an option that cannot be read.
     """
-    names = ("preset", "name", "model", "graph", "observation", "world")
+    names = ("preset", "name", "model", "graph", "observation", "world", "task")
     return {
         **{name: getattr(options, name) or None for name in names},
         **{name: whole(name, getattr(options, name)) for name in ("seed", "steps")},
@@ -226,6 +231,7 @@ def _of_run(config: TrainConfig) -> dict[str, tuple[Any, str]]:
         "graph": config.control.graph,
         "observation": config.task.observation,
         "world": config.world.name,
+        "task": config.task.name,
         "seed": config.seed,
         "steps": config.steps,
     }

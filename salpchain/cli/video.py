@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from salpchain.cli.options import Flag, Lengths, Whole, World, text_option
+from salpchain.cli.options import Flag, Lengths, Task, Whole, World, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import (
     Decimal,
@@ -49,6 +49,9 @@ class Video:
     """Number of the start among those of the seed."""
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
+    task: Task = ""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
+    one of your own, module:Class. Default: what the policy was trained for."""
     world: World = "still"
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
@@ -79,7 +82,7 @@ def run(options: Video) -> None:
     with writing(out):
         if not options.overwrite:
             check_new(out)
-        asked = options.seed, options.trial, options.time_limit, options.world
+        asked = options.seed, options.trial, options.time_limit, options.world, options.task
         swims = trajectories(sources, lengths, *asked)
         if options.compare:
             _check_same_episode(swims)

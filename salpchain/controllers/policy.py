@@ -19,6 +19,7 @@ from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.config import ACTION_SIZES, PLAYED_LIMIT, TaskConfig
 from salpchain.tasks.features import check_observation, observation_size
+from salpchain.tasks.registry import config_class
 from salpchain.tasks.state import State
 
 
@@ -38,12 +39,16 @@ class PolicyCard:
     lengths: tuple[int, ...] = ()  # units in training, all
     steps: int = 0  # chain-steps of training
     world: str = "still"  # in which it was trained
+    task_name: str = "reach"  # which it was trained for
+    task_settings: tuple[tuple[str, Any], ...] = ()  # of that task alone, name and value
 
     def __post_init__(self) -> None:
         check_observation(self.observation)
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
         check_printable(self.name)
+        pairs = tuple((name, value) for name, value in self.task_settings)
+        set_field(self, "task_settings", pairs)
         set_field(self, "length", check_length(self.length))
         whole("steps", self.steps, least=0)
 
@@ -55,6 +60,15 @@ class PolicyCard:
                 f"{self.name} is an {self.control.model} and works at {self.length} units only,"
                 f" got length {length}"
             )
+
+    @property
+    def trained_for(self) -> TaskConfig:
+        """The task that it was trained for, as it is where one is tested.
+
+        Raises:
+            InputError: that task is not there.
+        """
+        return config_class(self.task_name)(name=self.task_name, **dict(self.task_settings))
 
     def task(self, length: int, **settings: Any) -> TaskConfig:
         """The task at this length, with the observation and action that the policy speaks.

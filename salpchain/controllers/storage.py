@@ -25,7 +25,11 @@ from salpchain.trees import from_arrays, to_arrays
 KIND = "policy"
 VERSION = 1
 POLICY_FILE = "policy.safetensors"
-LATER = {"world"}  # what files of earlier versions do not say: the default holds
+LATER = {
+    "world",
+    "task_name",
+    "task_settings",
+}  # what files of earlier versions do not say: the default holds
 
 
 def save_policy(policy: Policy, path: StrPath, half: bool = False) -> None:

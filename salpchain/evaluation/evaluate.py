@@ -18,11 +18,14 @@ from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE, Lengths, as_l
 from salpchain.evaluation.kept import check_kept, settings
 from salpchain.evaluation.progress import Progress, telling
 from salpchain.evaluation.statistics import Summary, summarise
-from salpchain.evaluation.trials import run_limits
+from salpchain.evaluation.trials import REACH, run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
-from salpchain.tasks.config import PLAYED_LIMIT, TIME_LIMITS, step_limit
+from salpchain.tasks.config import PLAYED_LIMIT, TIME_LIMITS, TaskConfig, step_limit
+from salpchain.tasks.registry import as_config as task_config
+from salpchain.tasks.registry import label as task_label
+from salpchain.tasks.task import Task
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import as_config, label
 
@@ -40,15 +43,16 @@ def evaluate(
     progress: Progress | None = None,
     overwrite: bool = False,
     world: WorldConfig | str = "still",
+    task: "str | type[Task] | TaskConfig | None" = None,
 ) -> Summary:
     """The summary of the controller's trials, that of greedy's on the same starts as "baseline".
 
     The controller may be given by its name or path, lengths as one, several or `4..16`. The summary
-    is that of `summarise` with the policy's "identity" and "card" besides; "baseline" is None where
-    none was asked for, or the controller is the baseline. With `out`, a folder that is made if it
+    is that of `summarise` with the policy's "identity" and "card"; "baseline" is None where none
+    was asked for, or the controller is it. With `out`, a folder that is made if it
     is missing, `evaluation.csv` gets a row for each trial of both and `evaluation.json` the
-    summary; either file is whole or not there. `world` is a world or the name of one, from which
-    each trial draws its own.
+    summary; either file is whole or not there. `world` is one or its name; `task` one, its name or
+    its settings: without, what the policy was trained for.
 
     Raises:
         InputError: no controller, no lengths, fewer than one trial, or an impossible length or time
@@ -60,15 +64,15 @@ def evaluate(
     flag("overwrite", overwrite)
     function("progress", progress)
     tested = named.controller(controller)
-    asked = _checked(tested, lengths, trials, time_limit, seed, world)
+    asked = _checked(tested, lengths, trials, time_limit, seed, world, task)
     compared = flag("baseline", baseline) and not isinstance(tested, Greedy)
     if out is None:
         played = _beside_baseline(tested, compared, asked, progress)
-        return _summary(tested, played, None, asked.world)
+        return _summary(tested, played, None, asked)
     with _one_at(path("out", out)) as folder:
         _claim(folder, tested, settings(*asked, compared), overwrite)
         played = _beside_baseline(tested, compared, asked, progress)
-        return _summary(tested, played, folder, asked.world)
+        return _summary(tested, played, folder, asked)
 
 
 class _Asked(NamedTuple):
@@ -79,6 +83,7 @@ class _Asked(NamedTuple):
     time_limit: str
     seed: int
     world: WorldConfig
+    task: TaskConfig
 
 
 def _checked(
@@ -88,6 +93,7 @@ def _checked(
     time_limit: str,
     seed: int,
     world: WorldConfig | str,
+    task: "str | type[Task] | TaskConfig | None",
 ) -> _Asked:
     """The trials that are asked for.
 
@@ -99,7 +105,8 @@ def _checked(
         controller.card.check_serves(length)
     one_of("time limit", time_limit, TIME_LIMITS)
     trials = whole("trials", trials, least=1)
-    return _Asked(units, trials, time_limit, check_seed(seed), as_config(world))
+    kind = controller.card.trained_for if task is None else task_config(task)
+    return _Asked(units, trials, time_limit, check_seed(seed), as_config(world), kind)
 
 
 @contextmanager
@@ -114,10 +121,10 @@ def _beside_baseline(
     controller: Controller, compared: bool, asked: _Asked, progress: Progress | None
 ) -> list[pd.DataFrame]:
     """The trials of the controller, and those of the baseline on the same starts, if compared."""
-    lengths, trials, time_limit, seed, world = asked
+    lengths, trials, time_limit, seed, world, task = asked
 
     def play(some: list[Controller], progress: Progress | None) -> list[pd.DataFrame]:
-        return _play(some, lengths, trials, (time_limit,), seed, progress, world)[time_limit]
+        return _play(some, lengths, trials, (time_limit,), seed, progress, world, task)[time_limit]
 
     spoken = controller.card.observation, controller.card.action
     others: list[Controller] = [Greedy(*spoken)] if compared else []
@@ -147,11 +154,12 @@ def evaluate_limits(
     """
     out = Path(out)
     for limit in time_limits:
-        asked = settings(lengths, trials, limit, seed, STILL, baseline=False)
+        asked = settings(lengths, trials, limit, seed, STILL, REACH, baseline=False)
         _claim(out / limit, controller, asked, overwrite)
     played = _play([controller], lengths, trials, time_limits, seed, progress)
     for limit in time_limits:
-        _summary(controller, played[limit], out / limit)
+        asked = _Asked(list(lengths), trials, limit, seed, STILL, REACH)
+        _summary(controller, played[limit], out / limit, asked)
 
 
 def _claim(out: Path, controller: Controller, asked: dict[str, Any], overwrite: bool) -> None:
@@ -165,13 +173,13 @@ def _summary(
     controller: Controller,
     frames: Sequence[pd.DataFrame],
     out: StrPath | None,
-    world: WorldConfig = STILL,
+    asked: _Asked,
 ) -> Summary:
     """What the trials of the controller and of its baseline, if there is one, say; as files too."""
     told = summarise(frames[0])
     whose = {"policy": told["policy"], "identity": identity(controller)}
     summary = whose | told | {"card": controller.card.as_dict()}
-    summary |= {"task": "reach", "world": label(world)}
+    summary |= {"task": task_label(asked.task), "world": label(asked.world)}
     summary["baseline"] = summarise(frames[1]) if len(frames) > 1 else None
     if out is not None:
         write_text(Path(out) / TRIALS_FILE, pd.concat(frames).to_csv(index=False))
@@ -187,6 +195,7 @@ def _play(
     seed: int,
     progress: Progress | None,
     world: WorldConfig = STILL,
+    task: TaskConfig = REACH,
 ) -> dict[str, list[pd.DataFrame]]:
     """Under each time limit, the trials of each controller at all lengths."""
     if not lengths:
@@ -198,7 +207,8 @@ def _play(
     for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
         with telling(progress, names, f"{length} units", before, part) as tell:
-            played.append(run_limits(controllers, length, trials, time_limits, seed, tell, world))
+            trial = controllers, length, trials, time_limits, seed
+            played.append(run_limits(*trial, tell, world, task))
     return {
         limit: [
             pd.concat(parts, ignore_index=True)

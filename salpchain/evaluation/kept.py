@@ -7,6 +7,8 @@ from typing import Any
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.files import StrPath, read_json
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.registry import label as task_label
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import label
 
@@ -23,6 +25,7 @@ def settings(
     time_limit: str,
     seed: int,
     world: WorldConfig,
+    task: TaskConfig,
     baseline: bool,
 ) -> dict[str, Any]:
     """What makes two evaluations of one controller the same, by the names of the options."""
@@ -32,6 +35,7 @@ def settings(
         "time limit": time_limit,
         "seed": seed,
         "world": label(world),
+        "task": task_label(task),
         "baseline": baseline,
     }
 
@@ -89,6 +93,7 @@ def _settings_of(summary: dict[str, Any]) -> dict[str, Any]:
         "time limit": summary.get("time_limit"),
         "seed": summary.get("seed"),
         "world": summary.get("world", "still"),
+        "task": summary.get("task", "reach"),
         "baseline": summary.get("baseline") is not None,
     }
 

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from salpchain.evaluation.difficulty import Start, centroid
-from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 
 
 class Trial(eqx.Module):
@@ -18,9 +18,10 @@ class Trial(eqx.Module):
     effort: Float[Array, ""]  # N s, mean over units of the sum of |thrust| dt
     path: Float[Array, ""]  # m, way of the centroid
     contact_steps: Int[Array, ""]  # control steps in which some two units pushed each other
+    series: dict[str, Float[Array, "*batch step"]]  # what the task reads off each control step
 
 
-def measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
+def measures(env: Task, trials: Trial) -> dict[str, np.ndarray]:
     """The measures of finished trials by name, each (trial, controller).
 
     success, closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without
@@ -30,6 +31,7 @@ def measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
     turn_steps (before which no chain that stays straight has turned to the target's direction),
     how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
     (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
+    Where the target moves, nothing is known of what physics allows: NaN. Then the task's own.
     """
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
@@ -40,9 +42,13 @@ def measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
     names = ("reachable", "fewest_steps", "turn_steps", "far", "turn", "bend")
     given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
     steps_to_goal = np.where(success, time, np.nan)
+    left = np.divide(final, start, np.full_like(start, np.nan), where=start > 0)
+    if not env.target_stands:
+        unknown = np.full(time.shape, np.nan)
+        given |= dict.fromkeys(("reachable", "fewest_steps", "turn_steps"), unknown)
     return {
         "success": success,
-        "closed_fraction": 1 - final / start,
+        "closed_fraction": 1 - left,
         "final_distance": final,
         "start_distance": start,
         "steps_to_goal": steps_to_goal,
@@ -51,6 +57,21 @@ def measures(env: SCLD, trials: Trial) -> dict[str, np.ndarray]:
         "path_efficiency": np.divide(straight, path, np.full_like(path, np.nan), where=path > 0),
         "contact_time": np.asarray(trials.contact_steps) * env.physics.control_step,
         **given,
-        "regret": np.where(success, 0.0, given["reachable"] - (1 - final / start)),
+        "regret": np.where(success, 0.0, given["reachable"] - (1 - left)),
         "time_ratio": steps_to_goal / given["fewest_steps"],
+        **_own(env, trials.series, time),
     }
+
+
+def _own(
+    env: Task, series: dict[str, Array], time: Int[np.ndarray, "trial controller"]
+) -> dict[str, np.ndarray]:
+    """The task's own measures of each trial."""
+    if not series:
+        return {}
+    kept = {name: np.asarray(values) for name, values in series.items()}
+    found = [
+        env.measure({name: values[at][:steps] for name, values in kept.items()})
+        for at, steps in np.ndenumerate(time)
+    ]
+    return {name: np.reshape([one[name] for one in found], time.shape) for name in found[0]}

@@ -25,9 +25,10 @@ from salpchain.given import function, whole
 from salpchain.physics.state import Bodies
 from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
-from salpchain.tasks.config import PLAYED_LIMIT, step_limit
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig, step_limit
+from salpchain.tasks.registry import as_config as task_config
 from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import as_config, label
 
@@ -61,6 +62,7 @@ def record(
     trial: int = 0,
     progress: Progress | None = None,
     world: WorldConfig | str = "still",
+    task: "str | type[Task] | TaskConfig | None" = None,
 ) -> list[Trajectory]:
     """The trajectory of one trial of each length, all recorded together.
 
@@ -78,7 +80,8 @@ def record(
         controller.card.check_serves(length)
     seed, trial = check_seed(seed), whole("trial", trial, least=0, most=2**31 - 1)
     water, name = as_config(world), controller.card.name
-    env = domain_for([controller], max(lengths), time_limit, water)
+    kind = controller.card.trained_for if task is None else task_config(task)
+    env = domain_for([controller], max(lengths), time_limit, water, kind)
     units = f"{lengths_as_text(lengths)} units"
     with telling(function("progress", progress), name, units) as tell:
         begun = _starts(env, lengths, seed, trial)
@@ -89,7 +92,7 @@ def record(
 
 
 def _trajectory(
-    env: SCLD, about: dict[str, Any], states: State, frames: Frame, index: int, length: int
+    env: Task, about: dict[str, Any], states: State, frames: Frame, index: int, length: int
 ) -> Trajectory:
     """One of the recorded chains."""
     steps, target = int(states.time[index]), np.asarray(states.target[index, :length])
@@ -108,14 +111,14 @@ def _trajectory(
     )
 
 
-def _starts(env: SCLD, lengths: list[int], seed: int, trial: int) -> Recorded:
+def _starts(env: Task, lengths: list[int], seed: int, trial: int) -> Recorded:
     """The trial of each length before its first step."""
     keys = [start_keys(seed, length, jnp.array([trial])) for length in lengths]
     return _begin(env, jnp.concatenate(keys), jnp.array(lengths))
 
 
 def _play_out(
-    env: SCLD, controller: Controller, swims: Recorded, tell: Callable[[float], None]
+    env: Task, controller: Controller, swims: Recorded, tell: Callable[[float], None]
 ) -> tuple[State, Frame]:
     """The last states, and all frames (chain, time, ...) from the start on."""
     limit = max(step_limit(env.config.time_limit, int(n)) for n in swims.state.length)
@@ -132,7 +135,7 @@ def _play_out(
 
 
 @eqx.filter_jit
-def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> Recorded:
+def _begin(env: Task, keys: Key[Array, " chain"], lengths: Int[Array, " chain"]) -> Recorded:
     """The chains before their first step; all frames are the start."""
     compiling()
     states = jax.vmap(env.reset)(keys, lengths)
@@ -143,7 +146,7 @@ def _begin(env: SCLD, keys: Key[Array, " chain"], lengths: Int[Array, " chain"])
 
 @eqx.filter_jit
 def _play(
-    env: SCLD, controller: Controller, swims: Recorded, memory: Any, until: Int[Array, ""]
+    env: Task, controller: Controller, swims: Recorded, memory: Any, until: Int[Array, ""]
 ) -> tuple[Recorded, Any]:
     """The swims after control step `until`; a chain stays as it is once its episode has ended."""
     compiling()
@@ -151,19 +154,19 @@ def _play(
     return episodes.play(step, swims, memory, until)
 
 
-def _keep(env: SCLD, swim: Recorded, state: State) -> Recorded:
+def _keep(env: Task, swim: Recorded, state: State) -> Recorded:
     place = (state.time - 1) % AT_ONCE
     kept = jax.tree.map(lambda x, new: x.at[place].set(new), swim.frames, _frame(env, state))
     return Recorded(state, kept)
 
 
-def _frame(env: SCLD, state: State) -> Frame:
+def _frame(env: Task, state: State) -> Frame:
     chain = state.chain
     gain = None if env.world.thrusters is None else _gain(env, state)
     return Frame(chain.units, chain.links, state.thrust, state.reward, gain, state.world.current)
 
 
-def _gain(env: SCLD, state: State) -> Float[Array, " unit"]:
+def _gain(env: Task, state: State) -> Float[Array, " unit"]:
     """The gain of each thruster in the last control step."""
     thrusters, like = env.world_of(state).thrusters, state.thrust
     return jnp.ones_like(like) if thrusters is None else thrusters.working(state.time - 1, like)

@@ -19,8 +19,8 @@ from salpchain.devices import AXIS, mesh_of
 from salpchain.physics.chain import step
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
-from salpchain.tasks.task import renew_done
 
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
 FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)

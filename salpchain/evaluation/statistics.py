@@ -27,6 +27,7 @@ MEASURES = (
 )
 DIFFICULTY = ("far", "turn", "bend")  # what makes a start hard
 THIRDS = ("low", "middle", "high")
+ABOUT = ("policy", "length", "trial", "seed", "time_limit", "success", "fewest_steps")
 INTERVALS = {
     "level": LEVEL,
     "success": "Wilson interval of the share of trials that reached the goal",
@@ -41,7 +42,8 @@ def summarise(frame: pd.DataFrame) -> Summary:
     """A policy's trials (rows of `run_trials`) as plain JSON values, None where there is no value.
 
     For each length `trials`, `success` (mean, low, high) and for each of `MEASURES` mean, median,
-    iqm, low and high; low and high bound the 95 % interval that `intervals` names. Measures that
+    iqm, low and high; low and high bound the 95 % interval that `intervals` names. The task's own
+    measures, whose names are in `measures`, likewise. Measures that
     a trial lacks, like steps to a goal never reached, are left out of their averages.
     `paper_normalised` has one value for each entry of `lengths`. `by_difficulty` has for each of
     `DIFFICULTY` the easy, middle and hard third of every length's trials, all lengths together but
@@ -59,7 +61,13 @@ def summarise(frame: pd.DataFrame) -> Summary:
         "lengths": [_summarise_length(*x) for x in zip(lengths, groups, strict=True)],
         "paper_normalised": [_number(x) for x in paper_normalised(distances)],
         "by_difficulty": {name: _thirds(groups, name) for name in DIFFICULTY},
+        **({"measures": own} if (own := own_measures(frame)) else {}),
     }
+
+
+def own_measures(frame: pd.DataFrame) -> list[str]:
+    """The measures that are of the task alone."""
+    return [name for name in frame.columns if name not in (*ABOUT, *MEASURES, *DIFFICULTY)]
 
 
 def _thirds(groups: Sequence[pd.DataFrame], name: str) -> list[Summary]:
@@ -104,7 +112,8 @@ def _the_one(frame: pd.DataFrame, name: str) -> Any:
 
 
 def _summarise_length(length: int, rows: pd.DataFrame) -> Summary:
-    measures = {name: describe(rows[name].to_numpy(float)) for name in MEASURES}
+    names = (*MEASURES, *own_measures(rows))
+    measures = {name: describe(rows[name].to_numpy(float)) for name in names}
     success = share(int(np.count_nonzero(rows["success"])), len(rows))
     return {"length": length, "trials": len(rows), "success": success, **measures}
 

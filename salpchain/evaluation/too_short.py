@@ -17,6 +17,8 @@ def of_summary(summary: Mapping[str, Any]) -> str:
     """The line about an evaluation, by the mean physical limit of each length; empty if none."""
     rows = summary["lengths"]
     most = {row["length"]: row["reachable"]["mean"] for row in rows}
+    if None in most.values():  # nobody knows, where the target moves
+        return ""
     return _line(summary["time_limit"], most, "on average")
 
 

@@ -1,6 +1,7 @@
 """Trials: one episode each, from starts that are the same for every controller."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
-from jaxtyping import Array, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from salpchain.checks import check_length, check_seed
 from salpchain.controllers.policy import Controller, Planner
@@ -26,11 +27,13 @@ from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.switches import own_mesh
-from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.config import TaskConfig, step_limit
+from salpchain.tasks.registry import make_task
 from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 from salpchain.world.randomise import WorldLike, as_world
 
+REACH = TaskConfig()
 STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
 FEWER = 4  # the batch shrinks by this once so few trials go on (chosen)
@@ -48,22 +51,23 @@ def run_trials(
     seed: int,
     progress: Progress | None = None,
     world: WorldLike = "still",
-    tolerance: float = GOAL_LIMIT,
+    task: TaskConfig = REACH,
 ) -> list[pd.DataFrame]:
     """For each controller, a row of measures for each of its trials at this length.
 
     A trial is one episode and is frozen at its end. Its start depends on `seed`, `length` and its
     own number only. All controllers swim side by side, in one compiled program, and must speak
-    the same observation and action. The world is still, with the paper's physics, and the Frechet
-    distance (m) at which a target is taken is the paper's, unless others are given. Columns:
-    policy, length, trial, seed, time_limit, and what `measures` says.
+    the same observation and action. The world is still, with the paper's physics, and the task the
+    paper's, unless others are given; of the task's settings, length, observation, action and time
+    limit do not count. Columns: policy, length, trial, seed, time_limit, what `measures` says, and
+    the task's own measures.
 
     Raises:
         InputError: fewer than one trial, an impossible length or time limit, a length that a
             controller cannot serve, or controllers of different observations or actions.
     """
     limits = (time_limit,)
-    at = run_limits(controllers, length, trials, limits, seed, progress, world, tolerance)
+    at = run_limits(controllers, length, trials, limits, seed, progress, world, task)
     return at[time_limit]
 
 
@@ -76,7 +80,7 @@ def run_limits(
     seed: int,
     progress: Progress | None = None,
     world: WorldLike = "still",
-    tolerance: float = GOAL_LIMIT,
+    task: TaskConfig = REACH,
 ) -> dict[str, list[pd.DataFrame]]:
     """`run_trials` under several time limits: played once, to the last, and measured at each.
 
@@ -87,7 +91,7 @@ def run_limits(
         raise InputError(f"trials must be 1 or more, got {trials}")
     check_seed(seed)
     ascending = sorted(time_limits, key=lambda limit: step_limit(limit, length))
-    envs = [domain_for(controllers, length, limit, world, tolerance) for limit in ascending]
+    envs = [domain_for(controllers, length, limit, world, task) for limit in ascending]
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
     size = _share_evenly(-(-trials // blocks))
     ended = []
@@ -104,7 +108,7 @@ def run_limits(
 
 
 def _play_limits(
-    envs: Sequence[SCLD],
+    envs: Sequence[Task],
     controllers: Sequence[Controller],
     length: int,
     seed: int,
@@ -144,9 +148,9 @@ def domain_for(
     length: int,
     time_limit: str,
     world: WorldLike = "still",
-    tolerance: float = GOAL_LIMIT,
-) -> SCLD:
-    """The domain with as many slots as the length needs, few different numbers in all.
+    task: TaskConfig = REACH,
+) -> Task:
+    """The task with as many slots as the length needs, few different numbers in all.
 
     Raises:
         InputError: a length that a controller cannot serve, or controllers of different
@@ -163,8 +167,9 @@ def domain_for(
         isinstance(controller, Planner) for controller in controllers
     ):  # a planner pays for each slot many times over
         slots = length
-    task = TaskConfig(slots, *spoken.pop(), time_limit, tolerance=tolerance)
-    return SCLD(task, as_world(world))
+    observation, action = spoken.pop()
+    asked = {"length": slots, "observation": observation, "action": action}
+    return make_task(replace(task, **asked, time_limit=time_limit), as_world(world))
 
 
 def _share_evenly(trials: int) -> int:
@@ -185,7 +190,7 @@ def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Arra
 
 
 def _begin(
-    env: SCLD, controllers: int, length: int, seed: int, numbers: Int[Array, " trial"]
+    env: Task, controllers: int, length: int, seed: int, numbers: Int[Array, " trial"]
 ) -> Trial:
     """The trials of these numbers before their first step, shared out over the devices."""
     begun = _begin_all(env, controllers, jnp.int32(length), start_keys(seed, length, numbers))
@@ -199,7 +204,7 @@ def _mesh(trials: int) -> Mesh:
 
 @eqx.filter_jit
 def _begin_all(
-    env: SCLD, controllers: int, length: Int[Array, ""], keys: Key[Array, " trial"]
+    env: Task, controllers: int, length: Int[Array, ""], keys: Key[Array, " trial"]
 ) -> Trial:
     compiling()
 
@@ -209,7 +214,7 @@ def _begin_all(
     return jax.tree.map(for_each, jax.vmap(partial(_begin_one, env, length))(keys))
 
 
-def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
+def _begin_one(env: Task, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
     state = env.reset(key, length)
     zero = jnp.zeros(())
     return Trial(
@@ -218,11 +223,19 @@ def _begin_one(env: SCLD, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
         effort=zero,
         path=zero,
         contact_steps=jnp.int32(0),
+        series=_no_series(env, state),
     )
 
 
+def _no_series(env: Task, state: State) -> dict[str, Float[Array, " step"]]:
+    """Room for what the task reads off each control step; NaN until then."""
+    with jax.ensure_compile_time_eval():
+        steps = int(env.step_limit(env.config.length))
+    return {name: jnp.full(steps, jnp.nan) for name in jax.eval_shape(env.gauge, state)}
+
+
 def _play_out(
-    env: SCLD,
+    env: Task,
     controllers: Sequence[Controller],
     trials: Trial,
     limits: Sequence[int],
@@ -258,7 +271,7 @@ def _play_out(
 
 
 def _compile(
-    env: SCLD, controllers: Sequence[Controller], some: Trial, memories: Memories, trials: Trial
+    env: Task, controllers: Sequence[Controller], some: Trial, memories: Memories, trials: Trial
 ) -> None:
     """Compiles what plays some of the trials, if it must, by making no step with it.
 
@@ -293,7 +306,7 @@ def _take(batch: Any, places: np.ndarray) -> Any:
 
 @eqx.filter_jit
 def play(
-    env: SCLD,
+    env: Task,
     controllers: Sequence[Controller],
     trials: Trial,
     memories: Memories,
@@ -318,7 +331,7 @@ def play(
     return shared(weights, trials, memories, until)
 
 
-def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
+def _add_up(env: Task, trial: Trial, state: State) -> Trial:
     """The trial after its step to this state."""
     moved = centroid(state.chain) - centroid(trial.state.chain)
     dt = env.physics.control_step
@@ -328,4 +341,8 @@ def _add_up(env: SCLD, trial: Trial, state: State) -> Trial:
         effort=trial.effort + jnp.abs(state.thrust).sum() / state.length * dt,
         path=trial.path + jnp.linalg.norm(moved),
         contact_steps=trial.contact_steps + state.chain.touching,
+        series={
+            name: trial.series[name].at[state.time - 1].set(now)
+            for name, now in env.gauge(state).items()
+        },
     )

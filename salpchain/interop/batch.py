@@ -23,8 +23,8 @@ from salpchain.starting import check_can_compute
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
-from salpchain.tasks.task import renew_done
 from salpchain.world.randomise import WorldLike
 
 Seeds = int | Sequence[int | None] | np.ndarray | None

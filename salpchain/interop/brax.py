@@ -18,8 +18,8 @@ from salpchain.errors import InputError
 from salpchain.interop.checks import checked_world, task_of
 from salpchain.interop.extras import need
 from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
-from salpchain.tasks.task import renew_done
 from salpchain.world.randomise import WorldLike
 
 need("brax", "brax")

@@ -1,4 +1,4 @@
-"""Settings of the task. Imports nothing heavy: the command line's help reads these classes."""
+"""Settings that every task has. Imports nothing heavy: the command line's help reads them."""
 
 from dataclasses import dataclass
 from math import inf
@@ -7,6 +7,7 @@ from salpchain.checks import check_length, is_number, one_of, set_field
 from salpchain.errors import InputError
 from salpchain.given import told
 from salpchain.tasks.features import check_observation
+from salpchain.tasks.registry import check_task
 
 TIME_LIMITS = ("fixed", "scaled")
 PLAYED_LIMIT = "scaled"  # where a policy is played and nothing else was asked for
@@ -18,7 +19,9 @@ STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
 
 @dataclass(frozen=True)
 class TaskConfig:
-    """The Salp Chain Locomotion Domain, as one run plays it.
+    """A task as one run plays it: without more said, the paper's Salp Chain Locomotion Domain.
+
+    A task with settings of its own has a subclass: frozen, and each with a default.
 
     Raises:
         InputError: an invalid setting; the message states the valid values.
@@ -35,9 +38,11 @@ class TaskConfig:
     stalled: float = 0.0  # share that starts on the target with a part folded back; likewise
     tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
     most_steps: int = 0  # control steps of an episode whatever its length; 0: as `time_limit` says
+    name: str = "reach"  # of the task: another of `registry.TASKS`, or module:Class
 
     def __post_init__(self) -> None:
         set_field(self, "length", check_length(self.length))
+        check_task(self.name)
         check_observation(self.observation)
         one_of("action", self.action, ACTION_SIZES)
         one_of("time limit", self.time_limit, TIME_LIMITS)

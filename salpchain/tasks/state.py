@@ -57,8 +57,10 @@ class State(eqx.Module):
 
     @property
     def closed_fraction(self) -> Float[Array, "*batch"]:
-        """1 - mean distance now / mean distance at reset."""
-        return 1.0 - self.distances.mean / self.start_distance
+        """1 - mean distance now / mean distance at reset; 0 of a chain that began at its target."""
+        away = self.start_distance > 0
+        start = jnp.where(away, self.start_distance, 1.0)
+        return jnp.where(away, 1.0 - self.distances.mean / start, 0.0)
 
 
 class Start(NamedTuple):

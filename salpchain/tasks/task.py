@@ -4,25 +4,23 @@ Pure functions in the manner of Brax: `reset(key) -> State`, `step(State, action
 for one chain and batched with `jax.vmap`.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import jax.random as jr
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.checks import LONGEST
-from salpchain.errors import InputError
 from salpchain.forks import check_not_forked
-from salpchain.given import function, instance
-from salpchain.physics.batching import over_the_batch, redo
+from salpchain.given import instance
+from salpchain.physics.batching import over_the_batch
 from salpchain.physics.state import Chain, Physics, heading
 from salpchain.starting import check_can_compute
-from salpchain.switches import automatic, standard_promotion
+from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import (
     check_chain,
     check_key,
@@ -90,6 +88,23 @@ class Task(eqx.Module):
     def judge(self, before: State, after: Moment) -> Judgement:
         """What a control step was worth."""
         raise NotImplementedError
+
+    def gauge(self, state: State) -> dict[str, Float[Array, ""]]:
+        """What is read off each control step of a trial, for `measure`; nothing by default."""
+        del state
+        return {}
+
+    def measure(self, series: Mapping[str, np.ndarray]) -> dict[str, float]:
+        """The task's own measures of a trial, by name, from what `gauge` gave in each step.
+
+        In NumPy, after the trial; unless overridden, the mean of each over the steps.
+        """
+        return {name: float(np.mean(values)) for name, values in series.items()}
+
+    @property
+    def target_stands(self) -> bool:
+        """Whether the target stays where it is, so that one can say what physics allows."""
+        return type(self).move is Task.move
 
     @property
     def physics(self) -> Physics:
@@ -349,46 +364,3 @@ def _at_fence(chain: Chain, fence: Any) -> Bool[Array, ""]:
         return jnp.zeros((), bool)
     out = jnp.any(jnp.abs(chain.units.position) >= fence, axis=-1)
     return jnp.any(out & chain.present)
-
-
-RENEWED_AT_ONCE = 32  # a chunk of finished episodes is at most this part of the batch (chosen)
-
-
-LENGTH_STREAM = 1  # makes the random length independent of the random start
-
-DrawLength = Callable[[PRNGKeyArray], Int[Array, ""]]
-
-
-@standard_promotion
-def renew_done(env: Task, states: State, draw_length: DrawLength | None = None) -> State:
-    """A batch of states (batch first) with every finished episode replaced by a new one.
-
-    The others stay bit-identical. Only as many resets are computed as there are finished
-    episodes, in small chunks; each has its own key, so no start comes twice. `draw_length` gives
-    the number of units of a new episode; without it a chain keeps its length.
-
-    Raises:
-        InputError: no environment, or no batch of its states.
-    """
-    instance("env", env, Task, "a task, such as salpchain.SCLD()")
-    instance("states", states, State, "a batch of states, such as jax.vmap(env.reset)(keys)")
-    function("draw_length", draw_length)
-    if states.obs.ndim != 3 or states.obs.shape[1] != env.config.length:
-        raise InputError(
-            f"renew_done takes a batch of states of {env.config.length} slots, batch first, such as"
-            f" jax.vmap(env.reset)(keys), got observations of shape {states.obs.shape}"
-        )
-    return automatic(partial(_renewed, env, draw_length), (states,))
-
-
-def _renewed(env: Task, draw_length: DrawLength | None, states: State) -> State:
-    batch = states.time.shape[0]
-
-    def renew(chosen: Int[Array, " some"]) -> State:
-        keys = states.key[chosen]
-        if draw_length is None:
-            return jax.vmap(env.reset)(keys, states.length[chosen])
-        apart = jax.vmap(lambda key: jr.fold_in(key, LENGTH_STREAM))(keys)
-        return jax.vmap(env.reset)(keys, jax.vmap(draw_length)(apart))
-
-    return redo(states.done, states, renew, min(batch, max(4, batch // RENEWED_AT_ONCE)))

@@ -17,8 +17,9 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.devices import AXIS, largest_divisor, use_devices
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import own_settings
 from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
 from salpchain.training.curriculum import Curriculum, advance, draw_length, new_curriculum
@@ -57,7 +58,7 @@ class Metrics(eqx.Module):
     finite: Finite
 
 
-def new_state(config: TrainConfig, env: SCLD) -> TrainState:
+def new_state(config: TrainConfig, env: Task) -> TrainState:
     """A learner before its first step; all randomness follows from `config.seed`."""
 
     @jax.jit  # op by op, each would be compiled for itself
@@ -100,6 +101,8 @@ def policy_of(config: TrainConfig, network: ActorCritic, steps: int) -> Policy:
         lengths=config.lengths,
         steps=steps,
         world=label(config.world),
+        task_name=config.task.name,
+        task_settings=tuple(own_settings(config.task).items()),
     )
     return Policy(network, card)
 
@@ -122,7 +125,7 @@ Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
 
 
 def compile_iterate(
-    config: TrainConfig, env: SCLD, mesh: Mesh, learner: TrainState, donate: bool = True
+    config: TrainConfig, env: Task, mesh: Mesh, learner: TrainState, donate: bool = True
 ) -> Iterate:
     """`iterate` over the mesh, compiled for this learner's shapes.
 
@@ -140,7 +143,7 @@ def compile_iterate(
     return jax.jit(sharded, donate_argnums=(0,) if donate else ()).lower(learner).compile()
 
 
-def iterate(config: TrainConfig, env: SCLD, learner: TrainState) -> tuple[TrainState, Metrics]:
+def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainState, Metrics]:
     """A rollout and the update from it, on one device's share of the chains."""
     ppo = config.ppo
     act_key, shuffle_key, key = jr.split(learner.key, 3)

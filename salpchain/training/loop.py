@@ -10,7 +10,8 @@ from salpchain.devices import mesh_of
 from salpchain.errors import InputError
 from salpchain.given import instance
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
+from salpchain.tasks.task import Task
 from salpchain.training.config import TrainConfig
 from salpchain.training.learner import (
     Iterate,
@@ -44,8 +45,8 @@ class _Program:
         return self._run(state)
 
     @property
-    def _env(self) -> SCLD:
-        return SCLD(self.config.task, self.config.world)
+    def _env(self) -> Task:
+        return make_task(self.config.task, self.config.world)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

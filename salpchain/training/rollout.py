@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.devices import AXIS
 from salpchain.networks.actor_critic import ActorCritic
+from salpchain.tasks.renew import DrawLength, renew_done
 from salpchain.tasks.state import State, Terms
-from salpchain.tasks.task import DrawLength, Task, renew_done
+from salpchain.tasks.task import Task
 
 
 class Sample(eqx.Module):

@@ -15,6 +15,8 @@ from typing import Any, get_type_hints
 from salpchain.errors import InputError
 from salpchain.files import LOCK_FILE, StrPath, read_json, write_json, write_text
 from salpchain.ranges import Range, as_range
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.registry import config_class
 from salpchain.training.config import TrainConfig
 from salpchain.training.settings import changed, part_of
 
@@ -24,7 +26,6 @@ EVALUATIONS_FILE = "evaluations.csv"
 SUMMARY_FILE = "summary.json"
 FORMAT = 1
 NEEDED = {"iteration", "steps", "seconds", "episodes", "success", "closed_fraction"}
-NEEDED |= {"reward_approach", "reward_goal"}
 EVALUATED = {"iteration", "steps", "trials", "success", "closed_fraction"}
 PACKAGES = ("salpchain", "jax", "jaxlib", "equinox", "optax", "numpy")
 
@@ -149,6 +150,8 @@ def _built(kind: Any, values: dict[str, Any], above: str = "") -> Any:
 
 
 def _value(kind: Any, value: Any, name: str) -> Any:
+    if kind is TaskConfig:
+        kind = config_class(value.get("name", TaskConfig.name))
     if dataclasses.is_dataclass(kind):
         return _built(kind, value, name)
     if kind is Range:

@@ -4,6 +4,7 @@ Success in training is that of whole start cohorts (`cohorts`), of the policy as
 success of a run is that of its closing evaluation.
 """
 
+import math
 import time
 from collections import deque
 from collections.abc import Mapping
@@ -119,7 +120,7 @@ class RunLog:
         return summary
 
     def _evaluate(self, iteration: int, policy: Policy) -> Evaluation:
-        result = evaluate_training(policy, self.config.lengths, self.config.world)
+        result = evaluate_training(policy, self.config.lengths, self.config.world, self.config.task)
         steps = iteration * self.config.ppo.batch
         self.evaluations.add([_evaluated(iteration, steps, row) for row in result["lengths"]])
         self.log.board(iteration, evaluated(result))
@@ -133,6 +134,7 @@ class RunLog:
 def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
     """A row of `evaluations.csv`."""
     mean, low, high = (row["success"][name] for name in ("mean", "low", "high"))
+    measured = {name: row[name] for name in row if name not in ("length", "trials", "success")}
     return {
         "iteration": float(iteration),
         "steps": float(steps),
@@ -141,7 +143,7 @@ def _evaluated(iteration: int, steps: int, row: dict[str, Any]) -> Row:
         "success": mean,
         "success_low": low,
         "success_high": high,
-        "closed_fraction": row["closed_fraction"],
+        **{name: math.nan if value is None else value for name, value in measured.items()},
     }
 
 

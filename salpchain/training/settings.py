@@ -7,8 +7,9 @@ import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass, replace
+from functools import cache
 from operator import attrgetter
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from salpchain.checks import KINDS, check_length, check_seed, is_kind, one_of
 from salpchain.errors import InputError
@@ -17,9 +18,13 @@ from salpchain.given import instance, told
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.ranges import Range, as_range
 from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.registry import config_class, configured, name_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
 from salpchain.world.presets import world_config
+
+if TYPE_CHECKING:
+    from salpchain.tasks.task import Task
 
 ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}
 VARIANTS = ("model", "graph")  # of the controller, for which a preset may have values of its own
@@ -34,20 +39,36 @@ def _kinds(config: Any, before: str = "") -> dict[str, Any]:
     return found
 
 
-SETTINGS = _kinds(TrainConfig)
+SETTINGS = _kinds(TrainConfig)  # of the task `reach`; others have some more
+_PATHS = {*SETTINGS}  # of all tasks that were asked about
+
+
+@cache
+def settings_of(task: str) -> dict[str, Any]:
+    """The type of every setting by its path, those of this task's own among them."""
+    found = {**SETTINGS, **_kinds(config_class(task), "task.")}
+    _PATHS.update(found)
+    return found
+
+
+def task_of(values: Mapping[str, Any]) -> str:
+    """The name of the task that these settings, by path, are of."""
+    name = values.get("task.name", TaskConfig.name)
+    return instance("task.name", name, str, KINDS[str])
 
 
 def flat(config: TrainConfig) -> dict[str, Any]:
     """The value of every setting by its path."""
-    return {path: attrgetter(path)(config) for path in SETTINGS}
+    return {path: attrgetter(path)(config) for path in settings_of(config.task.name)}
 
 
-def check_path(path: str) -> None:
+def check_path(path: str, task: str = TaskConfig.name) -> None:
     """Raise InputError unless there is such a setting; the message names one that is near."""
     instance("a setting's path", path, str, "a text such as 'ppo.learning_rate'")
-    if path in SETTINGS:
+    known_paths = settings_of(task)
+    if path in known_paths:
         return
-    last = {known.rpartition(".")[2]: known for known in SETTINGS}  # prefixes alone are not near
+    last = {known.rpartition(".")[2]: known for known in known_paths}  # prefixes are not near
     near = difflib.get_close_matches(path.rpartition(".")[2].lower(), last, n=1)
     said = f"perhaps {last[near[0]]}" if near else "docs/settings.md lists all that there are"
     raise InputError(f"unknown setting {path!r}: {said}")
@@ -59,21 +80,22 @@ def part_of(part: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if f"{part}.{str(error).partition(' ')[0]}" not in SETTINGS:
+        name = str(error).partition(" ")[0]
+        if f"{part}.{name}" not in _PATHS:
             raise
         told = InputError(f"{part}.{error}")
         told.typed = f"{part}.{error.typed}"
         raise told from None
 
 
-def checked(path: str, value: Any) -> Any:
+def checked(path: str, value: Any, task: str = TaskConfig.name) -> Any:
     """The value as the setting holds it: lists as tuples, whole numbers as such or as decimals.
 
     Raises:
         InputError: no such setting, or a value of another type.
     """
-    check_path(path)
-    kind = SETTINGS[path]
+    check_path(path, task)
+    kind = settings_of(task)[path]
     if kind is Range:
         return _range(path, value)
     value = tuple(value) if isinstance(value, list) else value
@@ -91,16 +113,16 @@ def _range(path: str, value: Any) -> Range:
         raise InputError(f"{path} {error}") from None
 
 
-def parsed(path: str, text: str) -> Any:
+def parsed(path: str, text: str, task: str = TaskConfig.name) -> Any:
     """The value of a setting that was typed: `true`, `1e-3`, `4,8,16` or `4..16`.
 
     Raises:
         InputError: no such setting, or the text is no such value.
     """
-    check_path(path)
-    kind = SETTINGS[path]
+    check_path(path, task)
+    kind = settings_of(task)[path]
     try:
-        return checked(path, _value(kind, text))
+        return checked(path, _value(kind, text), task)
     except (ValueError, OverflowError, KeyError):
         raise InputError(f"{path} must be {KINDS[kind]}, got {text!r}") from None
 
@@ -131,21 +153,23 @@ def _whole(text: str) -> int:
         return int(value)
 
 
-def typed(sets: Sequence[str]) -> dict[str, Any]:
-    """The values of `--set PATH=VALUE`, by path.
+def typed(sets: Sequence[str], task: str | None = None) -> dict[str, Any]:
+    """The values of `--set PATH=VALUE`, by path; `task` names the task unless they do.
 
     Raises:
         InputError: another form, an unknown setting, a value of another type, or a setting given
             twice.
     """
     values: dict[str, Any] = {}
+    named = [text.partition("=")[2] for text in sets if text.startswith("task.name=")]
+    task = (named or [task or TaskConfig.name])[0]
     for text in sets:
         path, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"--set must be like ppo.learning_rate=1e-3, got {text!r}")
         if path in values:
             raise InputError(f"--set {path} is given twice: leave one out")
-        values[path] = parsed(path, value)
+        values[path] = parsed(path, value, task)
     return values
 
 
@@ -175,7 +199,8 @@ def compose(values: Mapping[str, Any]) -> TrainConfig:
     Raises:
         InputError: an unknown setting or preset, or invalid values.
     """
-    values = overlay({}, {path: checked(path, value) for path, value in values.items()})
+    task = task_of(values)
+    values = overlay({}, {path: checked(path, value, task) for path, value in values.items()})
     return laid_over(_base(values), values)
 
 
@@ -203,6 +228,8 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
     """
     if "world.name" in values:
         config = replace(config, world=world_config(values["world.name"]))
+    if values.get("task.name", config.task.name) != config.task.name:
+        config = replace(config, task=configured(config.task, values["task.name"]))
     return _replaced(config, values)
 
 
@@ -229,9 +256,10 @@ def changed(config: TrainConfig) -> list[str]:
     if config.preset not in PRESETS:
         return []
     values = flat(config)
-    base = flat(_base(values))
-    chosen = {"control.model", "control.graph", "task.length", "seed", "name", *ONE_LENGTH}
-    return [path for path in SETTINGS if path not in chosen and values[path] != base[path]]
+    base = flat(laid_over(_base(values), {"task.name": config.task.name}))
+    chosen = {"control.model", "control.graph", "task.length", "task.name", "seed", "name"}
+    chosen |= ONE_LENGTH.keys()
+    return [path for path in values if path not in chosen and values[path] != base[path]]
 
 
 def preset(
@@ -242,13 +270,14 @@ def preset(
     graph: str | None = None,
     seed: int = 0,
     world: str | None = None,
+    task: "str | type[Task] | None" = None,
     settings: Mapping[str, object] | None = None,
     **others: object,
 ) -> TrainConfig:
     """A preset for a chain length (units), or for several at once, with single settings changed.
 
     `settings` has any of `config.json` by their paths: `{"ppo.learning_rate": 1e-3}`. Several
-    lengths may also be a text such as `4..16`.
+    lengths may also be a text such as `4..16`. `task` is the name of one, or its class.
 
     Raises:
         InputError: no such preset or setting, or an invalid value; the message says what is valid.
@@ -263,9 +292,10 @@ def preset(
     units = as_lengths(length)
     lengths = {"task.length": units[0]} if len(units) == 1 else {"mix.lengths": tuple(units)}
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
-    asked["world.name"] = world
+    asked |= {"world.name": world, "task.name": None if task is None else name_of(task)}
     values = {path: value for path, value in asked.items() if value is not None}
-    above = {path: checked(path, value) for path, value in settings.items()}
+    kind = task_of({**values, **settings})
+    above = {path: checked(path, value, kind) for path, value in settings.items()}
     config = compose(overlay({**values, **lengths}, above))
     if graph is not None and model in SINGLE_LENGTH:
         raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")

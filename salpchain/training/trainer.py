@@ -16,7 +16,8 @@ from salpchain.devices import device_name, mesh_of, use_devices
 from salpchain.files import StrPath, alone, read_json
 from salpchain.given import function, functions, instance, path, seconds
 from salpchain.switches import own_mesh
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
+from salpchain.tasks.task import Task
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
@@ -171,7 +172,7 @@ def train_together(
                 _create(config, run, devices)
         before = [run_folder.read_config(run)[1] for run in runs]
         devices = min(_go_on(*each, devices)[0] for each in zip(runs, configs, before, strict=True))
-        env = SCLD(configs[0].task, configs[0].world)
+        env = make_task(configs[0].task, configs[0].world)
         learners = [_saved_or_new(env, *both) for both in zip(configs, runs, strict=True)]
         come = [int(learner.iteration) for learner in learners]
         for iteration in sorted(set(come)):
@@ -182,7 +183,7 @@ def train_together(
             _continue(session, [learners[i] for i in some])
 
 
-def _saved_or_new(env: SCLD, config: TrainConfig, run: Path) -> TrainState:
+def _saved_or_new(env: Task, config: TrainConfig, run: Path) -> TrainState:
     new = partial(new_state, config, env)
     if (run / CHECKPOINT_FILE).exists():
         return load_checkpoint(run, jax.eval_shape(new))
@@ -233,9 +234,9 @@ class Session:
     save_every: float  # s
 
     @property
-    def env(self) -> SCLD:
+    def env(self) -> Task:
         """The task of all."""
-        return SCLD(self.configs[0].task, self.configs[0].world)
+        return make_task(self.configs[0].task, self.configs[0].world)
 
     def tell(self, each: Sequence[Mapping[str, float] | None], iteration: int) -> None:
         """Tells the metrics of the first of several runs that has any."""

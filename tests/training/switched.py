@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 import salpchain
-from salpchain.tasks.task import renew_done
+from salpchain.tasks.renew import renew_done
 from tests.training.small import small
 
 

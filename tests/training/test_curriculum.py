@@ -15,7 +15,7 @@ from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
-from salpchain.tasks.task import renew_done
+from salpchain.tasks.renew import renew_done
 from salpchain.training.config import Mix, PPOConfig
 from salpchain.training.curriculum import advance, draw_length, new_curriculum
 from salpchain.training.ppo import TrainingSample, loss

@@ -12,7 +12,7 @@ import pytest
 from salpchain.errors import InputError
 from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
-from salpchain.tasks.task import renew_done
+from salpchain.tasks.renew import renew_done
 
 
 class Jitted:

@@ -1,0 +1,1 @@
+"""The task `follow`: a target pose that moves along a smooth path."""
