@@ -47,8 +47,6 @@ class PolicyCard:
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
         check_printable(self.name)
-        pairs = tuple((name, value) for name, value in self.task_settings)
-        set_field(self, "task_settings", pairs)
         set_field(self, "length", check_length(self.length))
         whole("steps", self.steps, least=0)
 
@@ -68,7 +66,14 @@ class PolicyCard:
         Raises:
             InputError: that task is not there.
         """
-        return config_class(self.task_name)(name=self.task_name, **dict(self.task_settings))
+        kind, own = config_class(self.task_name), dict(self.task_settings)
+        gone = own.keys() - {field.name for field in fields(kind)}
+        if gone:
+            raise InputError(
+                f"{self.name} was trained for {self.task_name} with {sorted(gone)[0]}, which that"
+                " task no longer has: say which task is meant"
+            )
+        return kind(name=self.task_name, **own)
 
     def task(self, length: int, **settings: Any) -> TaskConfig:
         """The task at this length, with the observation and action that the policy speaks.

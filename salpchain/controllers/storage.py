@@ -97,6 +97,8 @@ def _card(header: dict[str, Any], path: Path) -> PolicyCard:
         control = ControlConfig(**header["control"])
         lengths = tuple(header["lengths"])
         there = {name: header[name] for name in known - LATER | known & header.keys()}
-        return PolicyCard(**{**there, "control": control, "lengths": lengths})
-    except (KeyError, TypeError, InputError) as error:
+        own = tuple((name, value) for name, value in there.get("task_settings", ()))
+        plain = {"control": control, "lengths": lengths, "task_settings": own}
+        return PolicyCard(**{**there, **plain})
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path} has a header that does not describe a policy ({error})") from None

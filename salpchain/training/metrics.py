@@ -43,9 +43,10 @@ def _by_length(config: TrainConfig, metrics: Metrics) -> Row:
 
 
 def evaluated(result: Mapping[str, Any]) -> Row:
-    """An evaluation of a training; success also for each of several lengths."""
-    success, closed = result["success"]["mean"], result["closed_fraction"]
-    found = {"evaluation_success": success, "evaluation_closed_fraction": closed}
+    """An evaluation of a training, with the task's own measures; success also for each length."""
+    names = [name for name, value in result.items() if isinstance(value, float)]
+    found = {"evaluation_success": result["success"]["mean"]}
+    found |= {f"evaluation_{name}": result[name] for name in names}
     if len(result["lengths"]) > 1:
         for row in result["lengths"]:
             found[f"evaluation_success_{row['length']}"] = row["success"]["mean"]
