@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from salpchain.errors import InputError
 from salpchain.given import told
@@ -36,7 +37,7 @@ def check_known(kind: str, name: object, known: Iterable[str]) -> None:
 
 
 @cache
-def find(kind: str, name: str) -> object:
+def find(kind: str, name: str) -> Any:
     """The object that a name of the form `module:name`, or one that a package announces, means.
 
     `kind` is a word such as `task`; entry points are of the group `salpchain.tasks`.

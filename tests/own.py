@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
+from salpchain.controllers.policy import PolicyCard
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS, minus, scalar_feature
 from salpchain.tasks.reach.targets import draw, spawn
@@ -52,3 +54,38 @@ class Shapeless(Hover):
 
     def judge(self, before, after):
         return Judgement({"near": after.chain.units.angle}, jnp.zeros((), bool))
+
+
+class Deaf(eqx.Module):
+    """A trunk in which no unit hears another."""
+
+    layer: eqx.nn.Linear
+
+    def __init__(self, key, inputs, config):
+        self.layer = eqx.nn.Linear(inputs, 128, key=key)
+
+    def __call__(self, x, graph):
+        return jax.nn.relu(jax.vmap(self.layer)(x))
+
+
+class Narrow(Deaf):
+    """A trunk that gives too few features."""
+
+    def __call__(self, x, graph):
+        return super().__call__(x, graph)[:, :5]
+
+
+class Spin:
+    """A controller: all units push as hard as they can."""
+
+    card = PolicyCard(name="spin")
+
+    def act(self, state):
+        return jnp.ones_like(state.thrust)[:, None]
+
+
+class Demanding(Spin):
+    """A controller that cannot be made without arguments."""
+
+    def __init__(self, gain):
+        self.gain = gain

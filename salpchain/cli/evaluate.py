@@ -25,6 +25,7 @@ from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths, programs
 from salpchain.files import make_writable
+from salpchain.plugins import is_path
 from salpchain.tasks.config import TIME_LIMITS
 from salpchain.world.presets import world_config
 
@@ -140,7 +141,7 @@ def default_out(policy: str) -> Path:
     from salpchain.controllers.storage import POLICY_FILE
 
     path = Path(policy)
-    if is_name(policy):
-        return Path(f"evaluation-{policy}")
+    if is_name(policy) or (is_path(policy) and not path.exists()):
+        return Path(f"evaluation-{policy.rpartition(':')[2]}")
     run = path if path.is_dir() else path.parent if path.name == POLICY_FILE else None
     return run / "evaluation" if run is not None else Path(f"evaluation-{path.stem}")

@@ -2,12 +2,14 @@
 
 import os
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.given import told
+from salpchain.plugins import find, is_path
 
 if TYPE_CHECKING:
     from salpchain.controllers.policy import Controller
@@ -49,12 +51,29 @@ def load(source: StrPath) -> "Controller":
     if isinstance(source, str) and source in WRITTEN:
         written = WRITTEN[source]
         return getattr(import_module(written.module), written.kind)()
+    if _is_own(source):
+        return _own(str(source))
     if not isinstance(source, str | os.PathLike):
         raise InputError(f"load takes {_sources()}, got {told(source)}")
     check_there(source)
     from salpchain.controllers import storage
 
     return storage.load(source)
+
+
+def _is_own(source: object) -> bool:
+    """Whether this is `module:Class` of a user's own, and no path to a file that is called so."""
+    return is_path(source) and not Path(str(source)).exists()
+
+
+def _own(name: str) -> "Controller":
+    """The controller of a user's own: an object, or one made of a class without arguments."""
+    found = find("controller", name)
+    try:
+        made = found() if isinstance(found, type) else found
+    except TypeError as error:
+        raise InputError(f"controller {name} cannot be made without arguments: {error}") from None
+    return controller(made)
 
 
 def controller(meant: "Controller | StrPath") -> "Controller":
@@ -76,7 +95,7 @@ def controller(meant: "Controller | StrPath") -> "Controller":
 
 
 def _sources() -> str:
-    return f"the path of a run or a policy, or one of {', '.join(names())}"
+    return f"the path of a run or a policy, one of {', '.join(names())}, or module:Class"
 
 
 def is_name(source: StrPath) -> bool:
@@ -126,7 +145,7 @@ def check_live(source: str) -> None:
 
 def check_there(source: StrPath) -> None:
     """Raise InputError unless this names a controller or is a path that exists."""
-    if not is_name(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
+    if not is_name(source) and not _is_own(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
         shown = source if str(source).strip() else repr(source)  # nothing would be seen of blanks
         raise InputError(
             f"no such run folder or policy: {shown} (a path, or one of {', '.join(names())})"

@@ -22,9 +22,10 @@ from salpchain.interop.checks import (
 from salpchain.starting import check_can_compute
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from salpchain.tasks.features import observation_size
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
 from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
+from salpchain.tasks.task import Task
 from salpchain.world.randomise import WorldLike
 
 Seeds = int | Sequence[int | None] | np.ndarray | None
@@ -60,7 +61,7 @@ class Programs(NamedTuple):
 _made: dict[Any, Programs] = {}  # by task, world and time limit
 
 
-def programs(env: SCLD, limit: int) -> Programs:
+def programs(env: Task, limit: int) -> Programs:
     """The compiled programs of this task with this time limit; the same ones for equal ones."""
     leaves, tree = jax.tree.flatten(env)
     numbers = [np.asarray(leaf) for leaf in leaves]
@@ -70,7 +71,7 @@ def programs(env: SCLD, limit: int) -> Programs:
     return _made[key]
 
 
-def _made_for(env: SCLD, limit: int) -> Programs:
+def _made_for(env: Task, limit: int) -> Programs:
     def stepped(states: State, action: Array) -> State:
         after = jax.vmap(env.step)(states, action)
         return eqx.tree_at(lambda s: s.truncated, after, after.time >= limit)
@@ -141,7 +142,7 @@ class Batch:
         """
         self.config, self.num_envs, self.renew = config, checked_envs(num_envs), renew
         self.limit = min(limit_of(config, max_steps), config.step_limit)
-        self.env = SCLD(config, checked_world(world, config.length))
+        self.env = make_task(config, checked_world(world, config.length))
         self.states: State | None = None
 
     @cached_property

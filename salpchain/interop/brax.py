@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from salpchain.errors import InputError
 from salpchain.interop.checks import checked_world, task_of
 from salpchain.interop.extras import need
-from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
 from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
 from salpchain.world.randomise import WorldLike
@@ -42,7 +42,7 @@ class SalpBraxEnv(base.Env):
     def __init__(self, world: WorldLike = None, **task: Any) -> None:
         """The task by the fields of `TaskConfig`, the world as in `SCLD`, e.g. `"rough"`."""
         config = task_of(task)
-        self.scld = SCLD(config, checked_world(world, config.length))
+        self.scld = make_task(config, checked_world(world, config.length))
 
     def reset(self, rng: PRNGKeyArray) -> base.State:
         """A new episode; `pipeline_state` is ours."""

@@ -13,6 +13,7 @@ from salpchain.errors import InputError
 from salpchain.given import told
 from salpchain.starting import check_can_compute
 from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig
+from salpchain.tasks.registry import config_class, name_of
 from salpchain.world.config import WorldConfig
 from salpchain.world.randomise import WorldLike, as_world
 from salpchain.world.world import World
@@ -21,17 +22,35 @@ MOST_ENVS = 1_000_000  # chains that one may ask for (chosen)
 
 
 def task_of(settings: dict[str, Any]) -> TaskConfig:
-    """The task with these settings, by the names of `TaskConfig`.
+    """The task with these settings, by the names of `TaskConfig`; `task` names or is another.
 
     The time limit is the scaled one unless `time_limit` says otherwise: up to 16 units the paper's.
 
     Raises:
         InputError: an unknown setting, or an invalid one.
     """
+    settings = dict(settings)
+    task = name_of(settings.pop("task", TaskConfig.name))
+    kind = config_class(task)
     for name in settings:
-        one_of("setting of the task", name, [field.name for field in fields(TaskConfig)])
+        one_of(
+            "setting of the task",
+            name,
+            ["task", *(f.name for f in fields(kind) if f.name != "name")],
+        )
     plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in settings.items()}
-    return TaskConfig(**{"time_limit": PLAYED_LIMIT, **plain})
+    return kind(**{"time_limit": PLAYED_LIMIT, "name": task, **plain})
+
+
+def reach_alone(config: TaskConfig) -> TaskConfig:
+    """The settings, if they are of the paper's task.
+
+    Raises:
+        InputError: they are of another, which VMAS's own physics cannot play.
+    """
+    if config.name != TaskConfig.name:
+        raise InputError(f"VMAS plays the task {TaskConfig.name} alone, got {config.name}")
+    return config
 
 
 def checked_world(world: WorldLike, length: int) -> World:

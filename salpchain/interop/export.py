@@ -15,6 +15,7 @@ from salpchain.given import path as checked_path
 from salpchain.given import told
 from salpchain.interop import FORMATS
 from salpchain.interop.metadata import metadata
+from salpchain.networks.config import MODELS
 from salpchain.trees import to_arrays
 
 
@@ -44,7 +45,13 @@ def _check_known(policy: Policy) -> None:
 
     The formats have the layers of those networks alone; any other would be written wrongly.
     """
-    known, network = network_shapes(policy.card), policy.network
+    card = policy.card
+    if card.control.model not in MODELS:
+        raise InputError(
+            f"only the models {', '.join(MODELS)} can be exported, {card.name} is one of your own,"
+            f" {card.control.model}"
+        )
+    known, network = network_shapes(card), policy.network
     alike = jax.tree.structure(known) == jax.tree.structure(network)
     if not alike or [x.shape for x in jax.tree.leaves(known)] != [
         np.shape(x) for x in jax.tree.leaves(network)

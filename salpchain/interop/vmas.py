@@ -9,7 +9,7 @@ names the environment whose action is NaN.
 from typing import Any
 
 from salpchain.errors import InputError
-from salpchain.interop.checks import checked_envs, limit_of, task_of
+from salpchain.interop.checks import checked_envs, limit_of, reach_alone, task_of
 from salpchain.interop.extras import need
 from salpchain.interop.torch_task import (
     Chains,
@@ -76,7 +76,7 @@ class Scenario(BaseScenario):
             InputError: an unknown setting, an invalid one, or a world that VMAS cannot have.
         """
         around = vmas_world(kwargs.pop("world", None))
-        self.config = task_of(kwargs)
+        self.config = reach_alone(task_of(kwargs))
         size = batch_dim, self.config.length, self.config.step_limit
         self._worlds = None if around.is_still else Worlds(around, *size, device)
         self.viewer_zoom = VIEW * self.config.length + SPAWN
@@ -304,7 +304,7 @@ def make_env(
     Raises:
         InputError: an unknown setting, an invalid one, or a world that VMAS cannot have.
     """
-    config = task_of(settings)
+    config = reach_alone(task_of(settings))
     return ChainEnvironment(
         Scenario(),
         num_envs=checked_envs(num_envs),

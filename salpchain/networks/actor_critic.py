@@ -1,6 +1,6 @@
 """Actor and critic on a shared graph trunk (paper section 4.1)."""
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.networks.config import ControlConfig
-from salpchain.networks.gatv2 import gatv2
-from salpchain.networks.gcn import gcn
+from salpchain.errors import InputError
+from salpchain.given import told
+from salpchain.networks.config import MODELS, SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import GRAPHS, Graph
-from salpchain.networks.gt import gt
 from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, head
 from salpchain.networks.mlp import mlp
+from salpchain.plugins import find
 
 Observation = Float[Array, "unit inputs"]
 Present = Bool[Array, " unit"]  # which slots hold a unit
@@ -34,8 +34,40 @@ class Trunk(Protocol):
 
 
 def trunk(key: PRNGKeyArray, config: ControlConfig, inputs: int) -> Trunk:
-    """The graph network of these settings, with fresh weights."""
-    return {"gcn": gcn, "gatv2": gatv2, "gt": gt}[config.model](key, inputs, config)
+    """The graph network of these settings, with fresh weights.
+
+    Raises:
+        InputError: a model of one's own that is no graph network.
+    """
+    if config.model in MODELS:
+        return find("model", MODELS[config.model].build)(key, inputs, config)
+    return _own_trunk(key, config, inputs)
+
+
+def _own_trunk(key: PRNGKeyArray, config: ControlConfig, inputs: int) -> Trunk:
+    """A trunk of a user's own: a class of Equinox's modules, made with (key, inputs, config).
+
+    Nothing else is called: a file names the model of its policy.
+    """
+    name = f"model {config.model}"
+    kind: Any = find("model", config.model)
+    if not (isinstance(kind, type) and issubclass(kind, eqx.Module)):
+        raise InputError(f"{name} must be a class that is an equinox.Module, got {told(kind)}")
+    units = GRAPHS["mixed"](jnp.ones(3, bool), jnp.ones(2, bool))
+    make: Any = kind
+    try:
+        made = make(key, inputs, config)
+        features = jax.eval_shape(made, jnp.zeros((3, inputs)), units)
+    except Exception as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(
+            f"{name} must be made with (key, inputs, config) and called with what the units"
+            f" observe (unit, inputs) and a graph: {said}"
+        ) from error
+    shape = getattr(features, "shape", None)
+    if shape != (3, WIDTH):
+        raise InputError(f"{name} must give features (unit, {WIDTH}), got {shape} of 3 units")
+    return made
 
 
 @runtime_checkable
@@ -100,7 +132,7 @@ def actor_critic(
     """Fresh weights for units that observe `inputs` numbers and act with `actions`."""
     slots = () if config.shared_log_std else (length,)
     log_std = jnp.full((*slots, actions), START_LOG_STD)
-    if config.model == "mlp":
+    if config.model in SINGLE_LENGTH:
         return mlp(key, inputs, actions, length, log_std)
     trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
     return GraphActorCritic(

@@ -1,12 +1,27 @@
 """Settings of a controller. Imports nothing heavy: the command line's help reads these classes."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from salpchain.checks import check_kinds, one_of
 from salpchain.errors import InputError
+from salpchain.plugins import check_known
 
-MODELS: tuple[str, ...] = ("gcn", "gatv2", "gt", "mlp")
-SINGLE_LENGTH = ("mlp",)  # models that work at their training length only
+
+class Spec(NamedTuple):
+    """A model of the package."""
+
+    build: str  # module:function that makes it with fresh weights
+    any_length: bool = True  # a trunk on the graph; else it works at its training length only
+
+
+MODELS: dict[str, Spec] = {
+    "gcn": Spec("salpchain.networks.gcn:gcn"),
+    "gatv2": Spec("salpchain.networks.gatv2:gatv2"),
+    "gt": Spec("salpchain.networks.gt:gt"),
+    "mlp": Spec("salpchain.networks.mlp:mlp", any_length=False),
+}
+SINGLE_LENGTH = tuple(name for name, spec in MODELS.items() if not spec.any_length)
 PAPER_GRAPHS: tuple[str, ...] = ("mixed", "full")
 GRAPH_NAMES: tuple[str, ...] = (*PAPER_GRAPHS, "near", "hub")
 REACH = 4  # links that a unit hears far on `near` (chosen)
@@ -22,7 +37,7 @@ class ControlConfig:
             another model than gcn. A depth out of range, or of a model without graph layers.
     """
 
-    model: str = "gcn"
+    model: str = "gcn"  # one of `MODELS`, or a trunk of one's own as module:Class
     graph: str = "mixed"
     shared_log_std: bool = True  # one for each kind of action; else one for each unit (the paper's)
     improved: bool = False  # gcn counts a unit's own features twice (PyG `GCNConv(improved=True)`)
@@ -30,7 +45,7 @@ class ControlConfig:
 
     def __post_init__(self) -> None:
         check_kinds(self)
-        one_of("model", self.model, MODELS)
+        check_known("model", self.model, MODELS)
         one_of("graph", self.graph, GRAPH_NAMES)
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")

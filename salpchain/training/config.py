@@ -176,7 +176,8 @@ class TrainConfig:
         control, lengths = self.control, self.lengths
         graph = "" if control.model in SINGLE_LENGTH else f"-{control.graph}"
         shortest = f"{lengths[0]}to" if len(lengths) > 1 else ""
-        return f"{control.model}{graph}-{shortest}{max(lengths)}"
+        model = control.model.rpartition(":")[2]  # of one's own, by the name of its class
+        return f"{model}{graph}-{shortest}{max(lengths)}"
 
     @property
     def iterations(self) -> int:
