@@ -8,6 +8,10 @@ of its own needs `echo 19 > /proc/PID/autogroup` too.) Each worker takes one cor
 that is not done: first the runs that the paper's claims need most. What lies in OUT is a study as
 `salpchain reproduce` makes it, which draws its report at any time:
 `salpchain reproduce --preset paper --seeds 1 --out OUT`.
+
+`unfinished.tar.xz` holds the runs that were begun and are not done, with their checkpoints, so that
+another machine goes on: unpack it into OUT first (`tar xJf studies/recipe/unfinished.tar.xz -C OUT`).
+They were made at commit 08902b8; go on with that one, for what is computed must not change.
 """
 
 import os
