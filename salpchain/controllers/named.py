@@ -95,7 +95,7 @@ def controller(meant: "Controller | StrPath") -> "Controller":
 
 
 def _sources() -> str:
-    return f"the path of a run or a policy, one of {', '.join(names())}, or module:Class"
+    return f"the path of a run or a policy, or one of {', '.join(names())}, or module:Class"
 
 
 def is_name(source: StrPath) -> bool:

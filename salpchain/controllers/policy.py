@@ -19,7 +19,7 @@ from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.config import ACTION_SIZES, PLAYED_LIMIT, TaskConfig
 from salpchain.tasks.features import check_observation, observation_size
-from salpchain.tasks.registry import config_class
+from salpchain.tasks.registry import check_task, config_class
 from salpchain.tasks.state import State
 
 
@@ -47,6 +47,12 @@ class PolicyCard:
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
         check_printable(self.name)
+        check_task(self.task_name)
+        if not _are_settings(self.task_settings):
+            raise InputError(
+                "task_settings must be pairs of a name and a value, such as (('speed', 0.1),), got"
+                f" {told(self.task_settings)}"
+            )
         set_field(self, "length", check_length(self.length))
         whole("steps", self.steps, least=0)
 
@@ -95,6 +101,13 @@ class PolicyCard:
     def as_dict(self) -> dict[str, object]:
         """The card as plain JSON values."""
         return asdict(self)
+
+
+def _are_settings(pairs: object) -> bool:
+    """Whether these are names and values of settings."""
+    return isinstance(pairs, tuple) and all(
+        isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[0], str) for pair in pairs
+    )
 
 
 @runtime_checkable
