@@ -21,7 +21,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
 from salpchain.experiments.results import REPORT_FILE, add_part, claim, results_of
 from salpchain.files import write_text
-from salpchain.tasks.config import GOAL_LIMIT
+from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
 from salpchain.training.presets import TIGHT
 from studies import program
 
@@ -45,7 +45,8 @@ def who_plays(policy: Controller) -> dict[str, tuple[Controller, float]]:
 def play(policy: Controller, who: str, length: int) -> pd.DataFrame:
     """The trials of one controller at one length."""
     controller, tolerance = who_plays(policy)[who]
-    (frame,) = run_trials([controller], length, TRIALS[length], LIMIT, SEED, tolerance=tolerance)
+    task = TaskConfig(tolerance=tolerance)
+    (frame,) = run_trials([controller], length, TRIALS[length], LIMIT, SEED, task=task)
     return frame.assign(who=who)[["who", "length", "trial", *MEASURES]]
 
 

@@ -22,7 +22,7 @@ from tests.evaluation.controllers import Constant
 LENGTHS, TRIALS = [4, 8], 5
 
 
-def trials_by_formula(controllers, length, trials, time_limits, seed, progress, world):
+def trials_by_formula(controllers, length, trials, time_limits, seed, progress, world, task):
     """Stands in for `run_limits`: no swim; starts depend on seed, length and trial."""
     progress(0.5)
     progress(1.0)

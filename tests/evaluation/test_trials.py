@@ -13,11 +13,12 @@ import pytest
 from salpchain.controllers.approach import Approach
 from salpchain.controllers.greedy import Greedy
 from salpchain.evaluation import trials as module
+from salpchain.evaluation.episodes import remember
 from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.progress import telling
 from salpchain.evaluation.recording import record
-from salpchain.evaluation.trials import _remember, play, run_limits, run_trials, start_keys
-from salpchain.tasks.config import ACTION_SIZES
+from salpchain.evaluation.trials import play, run_limits, run_trials, start_keys
+from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -41,7 +42,7 @@ def begun(num):
 
 
 def swum(crew, trials, until):
-    return play(ENV, crew, trials, _remember(crew, trials), jnp.int32(until))[0]
+    return play(ENV, crew, trials, remember(crew, trials.state), jnp.int32(until))[0]
 
 
 def test_there_is_a_row_for_each_trial_and_a_column_for_each_measure(greedy):
@@ -79,7 +80,7 @@ def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle
 
 
 def test_a_wider_goal_is_taken_sooner_and_farther_from_the_target(greedy):
-    wide, *_ = run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED, tolerance=0.2)
+    wide, *_ = run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED, task=TaskConfig(tolerance=0.2))
     np.testing.assert_array_equal(wide.start_distance, greedy.start_distance)
     assert wide.success.sum() > greedy.success.sum() and (wide.steps <= greedy.steps).all()
     assert (wide.fewest_steps < greedy.fewest_steps).all()
