@@ -13,6 +13,7 @@ from salpchain.cli.recordings import Limit, check_out, say_if_too_short, traject
 from salpchain.controllers.named import load
 from salpchain.errors import InputError
 from salpchain.files import writing
+from salpchain.tasks.registry import as_config, label
 
 
 @dataclass(frozen=True)
@@ -62,8 +63,10 @@ def run(options: Rollout) -> None:
         swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
     closed = f"{100 * swim.closed_fraction:.1f} % closed"
-    where = "" if swim.world == "still" else f" in {swim.world}"
-    print(f"{swim.policy}, {swim.length} units{where}: {end} after {swim.duration:.1f} s, {closed}")
+    if swim.target_moves:
+        end, closed = "swam", f"{100 * swim.distance.mean():.1f} cm from its target on average"
+    about = ", ".join([swim.policy, f"{swim.length} units", *swim.unusual])
+    print(f"{about}: {end} after {swim.duration:.1f} s, {closed}")
     say_if_too_short([swim])
     print(f"wrote {out}")
 
@@ -75,10 +78,13 @@ def _check_same(out: Path, options: Rollout) -> None:
 
     try:
         kept = Trajectory.load(out)
-        has = kept.identity, kept.length, kept.seed, kept.trial, kept.time_limit, kept.world
+        about = kept.time_limit, kept.world, kept.task
+        has = kept.identity, kept.length, kept.seed, kept.trial, *about
     except InputError:
         has = ()
     numbers = [number(name, getattr(options, name)) for name in ("length", "seed", "trial")]
-    asked = *numbers, options.time_limit, options.world
-    if has != (identity(load(options.policy)), *asked):
+    policy = load(options.policy)
+    task = as_config(options.task) if options.task else policy.card.trained_for
+    asked = *numbers, options.time_limit, options.world, label(task)
+    if has != (identity(policy), *asked):
         check_new(out)

@@ -116,7 +116,7 @@ def _size(text: str) -> tuple[int | None, int | None]:
 
 
 def _check_same_episode(swims: list) -> None:
-    starts = {(swim.length, tuple(swim.target.ravel().round(4).tolist())) for swim in swims}
+    starts = {(swim.length, tuple(swim.targets[0].ravel().round(4).tolist())) for swim in swims}
     lengths = {swim.length for swim in swims}
     if len(starts) > len(lengths) or any(
         sum(swim.length == length for swim in swims) * len(lengths) != len(swims)

@@ -67,8 +67,7 @@ def evaluate(
     asked = _checked(tested, lengths, trials, time_limit, seed, world, task)
     compared = flag("baseline", baseline) and not isinstance(tested, Greedy)
     if out is None:
-        played = _beside_baseline(tested, compared, asked, progress)
-        return _summary(tested, played, None, asked)
+        return _summary(tested, _beside_baseline(tested, compared, asked, progress), None, asked)
     with _one_at(path("out", out)) as folder:
         _claim(folder, tested, settings(*asked, compared), overwrite)
         played = _beside_baseline(tested, compared, asked, progress)

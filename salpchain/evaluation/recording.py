@@ -27,6 +27,7 @@ from salpchain.starting import check_can_compute
 from salpchain.switches import own_mesh
 from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig, step_limit
 from salpchain.tasks.registry import as_config as task_config
+from salpchain.tasks.registry import label as task_label
 from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
 from salpchain.world.config import WorldConfig
@@ -44,6 +45,7 @@ class Frame(NamedTuple):
     reward: Float[Array, "*chain"]
     gain: Float[Array, "*chain unit"] | None  # of the thrusters, where they may be broken
     current: Any  # the arrays of the water's motion, if it moves
+    target: Float[Array, "*chain unit 2"] | None  # m, if it moves
 
 
 class Recorded(eqx.Module):
@@ -87,7 +89,8 @@ def record(
         begun = _starts(env, lengths, seed, trial)
         states, frames = _play_out(env, controller, begun, tell)
     about = {"policy": name, "identity": identity(controller)}
-    about |= {"seed": seed, "trial": trial, "time_limit": time_limit, "world": label(water)}
+    about |= {"seed": seed, "trial": trial, "time_limit": time_limit}
+    about |= {"world": label(water), "task": task_label(kind)}
     return [_trajectory(env, about, states, frames, i, n) for i, n in enumerate(lengths)]
 
 
@@ -100,7 +103,9 @@ def _trajectory(
     world = env.world_of(jax.tree.map(lambda x: x[index], states))
     gain = None if frames.gain is None else frames.gain[index, 1 : steps + 1, :length]
     current = jax.tree.map(lambda x: x[index, : steps + 1], frames.current)
-    points = np.concatenate([arrays["unit_position"].reshape(-1, 2), target])
+    if frames.target is not None:
+        target = np.asarray(frames.target[index, : steps + 1, :length])
+    points = np.concatenate([arrays["unit_position"].reshape(-1, 2), target.reshape(-1, 2)])
     return Trajectory(
         **about,
         **arrays,
@@ -163,7 +168,8 @@ def _keep(env: Task, swim: Recorded, state: State) -> Recorded:
 def _frame(env: Task, state: State) -> Frame:
     chain = state.chain
     gain = None if env.world.thrusters is None else _gain(env, state)
-    return Frame(chain.units, chain.links, state.thrust, state.reward, gain, state.world.current)
+    moved = chain.units, chain.links, state.thrust, state.reward, gain, state.world.current
+    return Frame(*moved, None if env.target_stands else state.target)
 
 
 def _gain(env: Task, state: State) -> Float[Array, " unit"]:

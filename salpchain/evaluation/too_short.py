@@ -41,8 +41,11 @@ def of_swims(swims: Sequence[Trajectory]) -> str:
 def reachable_in(swim: Trajectory, physics: Physics | None = None) -> float:
     """The largest closed fraction that any controller can have from the start of this swim.
 
-    As `limits.reachable` at its time limit, of a chain that starts at rest.
+    As `limits.reachable` at its time limit, of a chain that starts at rest; 1 where its target
+    moves.
     """
+    if swim.target_moves:  # nobody knows
+        return 1.0
     physics = physics or Physics()
     length, steps = swim.length, step_limit(swim.time_limit, swim.length)
     bodies = (swim.unit_position[0], physics.unit_mass), (swim.link_position[0], physics.link_mass)

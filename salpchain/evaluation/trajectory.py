@@ -56,9 +56,10 @@ class Trajectory:
     link_angular_velocity: Angles  # rad/s
     thrust: np.ndarray  # (step, unit) N
     reward: np.ndarray  # (step,) the task's, unshaped
-    target: np.ndarray  # (unit, 2) m
+    target: np.ndarray  # (unit, 2) m; (time, unit, 2) of one that moves
     identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
     world: str = "still"  # in which it swam
+    task: str = "reach"  # what it was to do
     around: Surroundings = field(default_factory=Surroundings)  # what was there
 
     def __post_init__(self) -> None:
@@ -77,7 +78,8 @@ class Trajectory:
         if times < 1:
             raise InputError("unit_position has no time: it must hold at least the start")
         for name, shape in _shapes(times, self.length).items():
-            _check_array(name, getattr(self, name), shape)
+            moves = name == "target" and self.target_moves
+            _check_array(name, getattr(self, name), (times, *shape) if moves else shape)
         self.around.check(times - 1, self.length)
 
     @property
@@ -90,9 +92,24 @@ class Trajectory:
         """Duration of the episode (s)."""
         return self.steps * self.dt
 
+    @property
+    def unusual(self) -> list[str]:
+        """The task and the world, where they are not the paper's."""
+        return [name for name in (self.task, self.world) if name not in ("reach", "still")]
+
+    @property
+    def target_moves(self) -> bool:
+        """Whether the target is another at each time."""
+        return self.target.ndim == 3
+
+    @property
+    def targets(self) -> Float[np.ndarray, "time unit 2"]:
+        """The target points (m) at every time."""
+        return np.broadcast_to(self.target, self.unit_position.shape)
+
     @cached_property
     def distance(self) -> Float[np.ndarray, " time"]:
-        """Mean distance (m) of the units to their target points."""
+        """Mean distance (m) of the units to their target points at that time."""
         return np.linalg.norm(self.unit_position - self.target, axis=-1).mean(axis=1)
 
     @cached_property
@@ -190,8 +207,11 @@ _SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "success": ("b", bool),
     "identity": ("U", str),
     "world": ("U", str),
+    "task": ("U", str),
 }
-_LATER = {"identity": np.asarray(""), "world": np.asarray("still")}  # that old files lack
+# What old files lack.
+_LATER = {name: np.asarray(text) for name, text in
+          (("identity", ""), ("world", "still"), ("task", "reach"))}  # fmt: skip
 
 
 def _plain(named: dict[str, np.ndarray], name: str, path: Path) -> Any:

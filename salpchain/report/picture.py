@@ -85,10 +85,10 @@ def chains_picture(
 
 def _view(swim: Trajectory) -> View:
     """The swim turned by the bearing of its target, in a rectangle of moderate shape."""
-    away = swim.target.mean(axis=0) - swim.unit_position[0].mean(axis=0)
+    away = swim.targets[0].mean(axis=0) - swim.unit_position[0].mean(axis=0)
     cos, sin = away / max(np.linalg.norm(away), 1e-9)
     turn = np.array([[cos, sin], [-sin, cos]])
-    points = np.concatenate([swim.unit_position.reshape(-1, 2), swim.target])
+    points = np.concatenate([swim.unit_position, swim.targets]).reshape(-1, 2)
     points = np.concatenate([points, surroundings.near(swim.around, points)]) @ turn.T
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 + 0.03 * (high - low).max()
@@ -134,7 +134,10 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
     _draw_water(panel, view)
     _draw_obstacles(panel, view, point)
-    _draw_target(panel, view.swim.target @ view.turn.T, point)
+    _draw_target(panel, swim.targets[-1] @ view.turn.T, point)
+    if swim.target_moves:
+        way = swim.targets.mean(axis=1) @ view.turn.T
+        panel.plot(*way.T, color="#7fb2d6", linewidth=1.0, alpha=0.7, zorder=1.2)
     _draw_ways(panel, turned)
     for time, strength in _moments(turned):
         dead = swim.around.dead(time, swim.length) & (strength == 1)
@@ -258,7 +261,7 @@ def _draw_words(
     clock = f"goal in {time}" if swim.success else f"after {time}"
     words = f"{clock}, {100 * swim.closed_fraction:.1f} % closed"
     left, text = 0.16 / width, {"transform": panel.transAxes, "va": "center", "zorder": 9}
-    title = f"{swim.length} units" + ("" if swim.world == "still" else f", {swim.world}")
+    title = f"{swim.length} units" + "".join(f", {name}" for name in swim.unusual)
     panel.text(left, 1 - 0.22 / height, title, color=INK, size=11, weight="bold", **text)
     panel.text(left, 1 - 0.42 / height, words, color=FAINT, size=8, **text)
     bar = round_length(view.size[0] / 5)

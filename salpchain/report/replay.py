@@ -94,12 +94,14 @@ def packed(swim: Trajectory) -> dict[str, Any]:
 
     Over 10 m the grain of positions is 0.15 mm.
     """
-    about = ("policy", "seed", "trial", "time_limit", "length", "steps", "success", "world")
-    scale = Scale.of(swim.unit_position)
+    about = ("policy", "seed", "trial", "time_limit", "length", "steps", "success", "world", "task")
+    scale = Scale.of(swim.unit_position, swim.target)
+    moving = {"moving": scale.numbers(swim.targets)} if swim.target_moves else {}
     return {
         **{name: getattr(swim, name) for name in about},
         "dt": round(swim.dt, 9),
-        "target": np.round(swim.target.astype(float), 4).tolist(),
+        "target": np.round(swim.targets[0].astype(float), 4).tolist(),
+        **moving,
         **packed_surroundings(swim.around, swim.length),
         **scale.packed(),
         **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),

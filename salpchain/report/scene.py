@@ -70,7 +70,7 @@ class Scene:
     @cached_property
     def _reach(self) -> Float[np.ndarray, "2 2"]:
         """Lowest and highest coordinates (m) that are shown."""
-        points = np.concatenate([self.swim.unit_position.reshape(-1, 2), self.swim.target])
+        points = np.concatenate([self.swim.unit_position, self.swim.targets]).reshape(-1, 2)
         points = np.concatenate([points, surroundings.near(self.swim.around, points)])
         points = points @ self._turn.T
         low, high = points.min(axis=0), points.max(axis=0)
@@ -80,7 +80,7 @@ class Scene:
     @cached_property
     def _turn(self) -> Float[np.ndarray, "2 2"]:
         """Turns the way to the target along the longer side of the rectangle."""
-        x, y = self.swim.target.mean(axis=0) - self.swim.centroid[0]
+        x, y = self.swim.targets[0].mean(axis=0) - self.swim.centroid[0]
         bearing = np.arctan2(y, x) - (0.0 if self.box.width >= self.box.height else np.pi / 2)
         cos, sin = np.cos(bearing), np.sin(bearing)
         return np.array([[cos, sin], [-sin, cos]])
@@ -96,8 +96,8 @@ class Scene:
     def draw_still(self, canvas: Canvas) -> None:
         """What is the same at every moment: the target's band, its points, words, scale bar."""
         canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
-        target = self.at(self.swim.target)
-        canvas.lines([target], GHOST, 2 * REACHED * self.scale, alpha=0.13)
+        if not self.swim.target_moves:
+            self._draw_band(canvas, self.swim.target)
         self._draw_obstacles(canvas)
         if not self.title:
             return
@@ -108,6 +108,10 @@ class Scene:
         canvas.text(self._columns["s"], self._words_at, "s", size, FAINT)
         canvas.text(self._columns["unit"], self._words_at, self._unit, size, FAINT)
         self.draw_scale_bar(canvas, size)
+
+    def _draw_band(self, canvas: Canvas, target: np.ndarray) -> None:
+        """The band around a target (m) within which it counts as taken."""
+        canvas.lines([self.at(target)], GHOST, 2 * REACHED * self.scale, alpha=0.13)
 
     def _draw_obstacles(self, canvas: Canvas) -> None:
         """Walls and posts: a soft shadow, the stone, its lit rim."""
@@ -185,7 +189,10 @@ class Scene:
         angle = _between(self.swim.unit_angle, now)
         self._draw_water(canvas, min(time, self.swim.duration))
         self._draw_trail(canvas, now)
-        self._draw_ghosts(canvas, position, angle)
+        target = _between(self.swim.targets, now)
+        if self.swim.target_moves:
+            self._draw_band(canvas, target)
+        self._draw_ghosts(canvas, target, position, angle)
         if now < self.swim.steps:
             self._draw_jets(canvas, position, angle, self.swim.thrust[int(now)])
         self._draw_chain(canvas, position, angle)
@@ -203,11 +210,12 @@ class Scene:
         for part, alpha in ((recent, 0.14), (recent // 2, 0.18), (recent // 4, 0.25)):
             canvas.lines([ways[-max(part, 2) :]], INK, width, alpha=alpha)
 
-    def _draw_ghosts(self, canvas: Canvas, position: np.ndarray, angle: np.ndarray) -> None:
-        target = self.at(self.swim.target)
+    def _draw_ghosts(
+        self, canvas: Canvas, target: np.ndarray, position: np.ndarray, angle: np.ndarray
+    ) -> None:
+        outlines, target = self.at(unit_outlines(target, angle)), self.at(target)
         pairs = np.stack([self.at(position), target], axis=1)
         canvas.lines(pairs, GHOST, max(0.7, 0.004 * self.scale), alpha=0.30)
-        outlines = self.at(unit_outlines(self.swim.target, angle))
         canvas.lines([target], GHOST, max(1.0, 0.3 * LINK_WIDTH * self.scale), alpha=0.55)
         canvas.fill(outlines, GHOST, alpha=0.34)
 

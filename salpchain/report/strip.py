@@ -119,6 +119,7 @@ def _parts(swim: Trajectory) -> dict[str, str]:
         "policy": swim.policy,
         "length": f"{swim.length} units",
         "world": f"world {swim.world}",
+        "task": f"task {swim.task}",
         "seed": f"seed {swim.seed}",
         "trial": f"trial {swim.trial}",
     }
@@ -142,7 +143,8 @@ def _draw_header(figure: Figure, swims: Sequence[Trajectory], layout: Layout) ->
     (across, high), size, margin = layout.size, layout.text_size, layout.margin
     shared = _shared(swims)
     known = _parts(swims[0])
-    kinds = [*("policy", "length"), *(["world"] if swims[0].world != "still" else [])]
+    unusual = [kind for kind in ("task", "world") if getattr(swims[0], kind) in swims[0].unusual]
+    kinds = ["policy", "length", *unusual]
     title = ", ".join(known[kind] for kind in kinds if kind in shared)
     room, baseline = across - 2 * margin, high - 1.9 * size
     if len(swims) == 1:

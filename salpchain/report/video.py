@@ -156,7 +156,7 @@ def _title(swim: Trajectory, swims: Sequence[Trajectory]) -> str:
     units = f"{swim.length} units"
     alike = len({other.policy for other in swims}) == 1
     units = units if alike and len(swims) > 1 else f"{swim.policy}, {units}"
-    return units if swim.world == "still" else f"{units}, {swim.world}"
+    return ", ".join([units, *swim.unusual])
 
 
 def layout(count: int, film: Film) -> list[Box]:

@@ -31,6 +31,15 @@
     });
     if (packed.water) Surroundings.unpack(swim, new Int8Array(bytes(packed.water.flow)));
     if (packed.targets) Recorded.unpack(swim, bytes);
+    if (packed.moving) {
+      const flat = new Int16Array(bytes(packed.moving));
+      const at = (t, i, axis) => packed.middle[axis] + flat[2 * (t * n + i) + axis] * packed.grain;
+      swim.targetAt = (now) => {
+        const first = Math.min(Math.floor(now), packed.steps), last = Math.min(first + 1, packed.steps);
+        const point = (i, axis) => Salp.between(at(first, i, axis), at(last, i, axis), now - first);
+        return Array.from({ length: n }, (_, i) => [point(i, 0), point(i, 1)]);
+      };
+    }
     swim.camera = new Salp.Camera();
     return swim;
   }
@@ -43,14 +52,15 @@
   const water = get("water"), curves = get("curves");
 
   function name(swim) {
-    const where = !swim.world || swim.world === "still" ? "" : `, ${swim.world}`;
-    return `${swim.policy}, ${swim.length} units${where}`;
+    const usual = { task: "reach", world: "still" };
+    const where = Object.keys(usual).filter((k) => swim[k] && swim[k] !== usual[k]).map((k) => `, ${swim[k]}`);
+    return `${swim.policy}, ${swim.length} units${where.join("")}`;
   }
 
   function words() {
     get("title").textContent = world ? world.title : swims.length === 1 ? name(swims[0]) : `${swims.length} swims`;
     const one = swims[0];
-    const end = one.success ? `reached its target in ${(one.steps * one.dt).toFixed(1)} s`
+    const end = one.moving ? `followed its target for ${(one.steps * one.dt).toFixed(1)} s` : one.success ? `reached its target in ${(one.steps * one.dt).toFixed(1)} s`
       : `did not reach its target in ${(one.steps * one.dt).toFixed(1)} s`;
     get("about").textContent = world ? world.about : swims.length === 1 ? `${end}; seed ${one.seed}, trial ${one.trial}`
       : together ? "the same episode, side by side" : "side by side";
@@ -63,6 +73,7 @@
     const stride = Math.max(1, Math.floor(swim.times / 60));
     for (let t = 0; t < swim.times; t += stride) {
       for (let i = 0; i < swim.length; i++) points.push([swim.x(t, i), swim.y(t, i)]);
+      if (swim.moving) points.push(...swim.targetAt(t));
     }
     return points;
   }
