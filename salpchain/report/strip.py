@@ -174,6 +174,8 @@ def _draw_outcome(
     """How the swim ended, up to the right edge; returns the width that it takes (pixels)."""
     time, closed = f"{swim.duration:.1f} s", f"{100 * swim.closed_fraction:.1f} % closed"
     words = f"goal reached in {time}" if swim.success else f"not reached in {time}, {closed}"
+    if swim.target_moves:
+        words = f"{100 * swim.distance.mean():.1f} cm from it on average, {time}"
     _write(figure, right, baseline, words, size, DONE if swim.success else INK, ha="right")
     return text_width(words, size) + size
 

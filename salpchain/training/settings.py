@@ -121,6 +121,8 @@ def parsed(path: str, text: str, task: str = TaskConfig.name) -> Any:
     """
     check_path(path, task)
     kind = settings_of(task)[path]
+    if kind is Range:
+        return _range(path, text)
     try:
         return checked(path, _value(kind, text), task)
     except (ValueError, OverflowError, KeyError):
@@ -134,7 +136,7 @@ def _value(kind: Any, text: str) -> Any:
         return _whole(text)
     if kind is float:
         return float(text)
-    if kind in (str, Range):
+    if kind is str:
         return text
     text = text.strip().removeprefix("[").removesuffix("]")  # as config.json writes lists
     if kind == tuple[int, ...]:

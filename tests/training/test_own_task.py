@@ -1,18 +1,23 @@
 """A task in a module of a user's own: found, trained, kept with its settings, tested, refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
+from salpchain import plugins
 from salpchain.cli.main import run
+from salpchain.cli.settings import changed
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.tasks.follow.config import FollowConfig
 from salpchain.tasks.registry import as_config as task_config
 from salpchain.tasks.registry import make_task
 from salpchain.training.run_folder import read_config
 from salpchain.training.settings import preset
+from salpchain.world.presets import world_config
 from tests.own import Hover, HoverConfig
 
 SMALL = ["--length=2", "--steps=64", "--set=ppo.envs=4", "--set=ppo.rollout=8"]
@@ -79,3 +84,40 @@ def test_what_is_no_task_is_one_line(arguments, said, tmp_path, capsys):
     told = capsys.readouterr().err
     assert said in told and told.count("\n") == 1
     assert not out.exists()
+
+
+def test_a_package_announces_a_task_by_an_entry_point(tmp_path, monkeypatch):
+    about = tmp_path / "announced-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: announced\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[salpchain.tasks]\nhover = tests.own:Hover\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    plugins._announced.cache_clear()
+    try:
+        assert isinstance(make_task(task_config("hover")), Hover)
+        with pytest.raises(InputError, match="choose one of reach, follow, hover, or one of your"):
+            task_config("hovre")
+    finally:
+        plugins._announced.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("sets", "said"),
+    [
+        (["ppo.epochs=2"], "--set ppo.epochs is no setting of a test: give task.... or world...."),
+        (["task.length=4"], "--set task.length is no setting of a test"),
+        (["task.sped=1"], "unknown setting 'task.sped': perhaps task.speed"),
+        (["world.current.speed=1:0"], "must have the lower end first"),
+        (["task.speed"], "--set must be like"),
+    ],
+)
+def test_what_a_test_cannot_set_is_one_line(sets, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        changed(world_config("still"), "follow", sets)
+
+
+def test_a_test_sets_numbers_of_its_task_and_its_world():
+    sets = ["task.speed=0.2", "world.current.speed=0:0.08"]
+    world, task = changed(world_config("still"), "follow", sets)
+    assert task == FollowConfig(speed=0.2)
+    assert tuple(world.current.speed) == (0.0, 0.08)
