@@ -7,9 +7,11 @@ by entry points.
 
 import sys
 from collections.abc import Iterable
+from difflib import SequenceMatcher
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any
 
 from salpchain.errors import InputError
@@ -54,10 +56,8 @@ def find(kind: str, name: str) -> Any:
     here = _imported(module, f"{kind} {name}")
     for word in attribute.split("."):
         if not hasattr(here, word):
-            own = [n for n in vars(here) if not n.startswith("_")][:10]
-            raise InputError(
-                f"{kind} {name}: {module} has no {word}, it has {', '.join(own) or 'nothing'}"
-            )
+            own = ", ".join(_own_names(here, word)[:10]) or "nothing"
+            raise InputError(f"{kind} {name}: {module} has no {word}, it has {own}")
         here = getattr(here, word)
     return here
 
@@ -65,6 +65,19 @@ def find(kind: str, name: str) -> Any:
 def path_of(thing: type) -> str:
     """The name by which `find` finds a class."""
     return f"{thing.__module__}:{thing.__qualname__}"
+
+
+def _own_names(here: object, wanted: str) -> list[str]:
+    """The public names of a module that were not imported into it, the most alike first."""
+    home = getattr(here, "__name__", None)
+    names = [
+        name
+        for name, value in vars(here).items()
+        if not name.startswith("_")
+        and not isinstance(value, ModuleType)
+        and getattr(value, "__module__", home) == home
+    ]
+    return sorted(names, key=lambda name: -SequenceMatcher(None, wanted, name).ratio())
 
 
 def _imported(module: str, what: str) -> object:

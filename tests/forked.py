@@ -73,6 +73,7 @@ def temporary():
 
 def bridges():
     """What the bridges are asked for."""
+    import jax
     import numpy as np
 
     from salpchain.interop.brax import SalpBraxEnv
@@ -84,6 +85,7 @@ def bridges():
 
     begun = SalpVectorEnv(2, **TASK)
     begun.reset(seed=0)
+    key = jax.random.key(0)
     for name, work in {
         "Gymnasium": lambda: SalpEnv(**TASK).reset(),
         "Gymnasium, vector": lambda: SalpVectorEnv(2, **TASK).reset(),
@@ -91,7 +93,7 @@ def bridges():
         "Stable-Baselines3": lambda: SalpVecEnv(2, **TASK).reset(),
         "PettingZoo": lambda: SalpParallelEnv(**TASK).reset(),
         "TorchRL": lambda: SalpTorchEnv(2, **TASK).reset(),
-        "Brax": lambda: SalpBraxEnv(**TASK),
+        "Brax": lambda: SalpBraxEnv(**TASK).reset(key),
         "VMAS": lambda: make_env(num_envs=2, **TASK).reset(),
     }.items():
         asked(name, work)

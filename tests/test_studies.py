@@ -325,10 +325,10 @@ def test_a_changed_time_limit_is_another_at_the_lengths_of_training():
 def test_a_tighter_goal_is_part_of_the_study_of_short_chains(tmp_path, monkeypatch):
     played = []
 
-    def trials(controllers, length, number, time_limit, seed, tolerance):
-        played.append((controllers[0].card.name, length, tolerance))
+    def trials(controllers, length, number, time_limit, seed, task):
+        played.append((controllers[0].card.name, length, task.tolerance))
         rows = {"length": length, "trial": range(number), "success": True, "steps_to_goal": 20.0}
-        return [pd.DataFrame({**rows, "closed_fraction": 1 - tolerance})]
+        return [pd.DataFrame({**rows, "closed_fraction": 1 - task.tolerance})]
 
     monkeypatch.setattr(short, "run_trials", trials)
     monkeypatch.setattr(short, "TRIALS", {2: 3})

@@ -10,8 +10,8 @@ import pytest
 
 from salpchain.cli.main import run
 from salpchain.errors import InputError
+from salpchain.experiments.results import claim
 from salpchain.files import writing
-from studies import claim
 
 LIMIT = 240  # s, a wait for ever must fail
 SHORT = ["--length", "2", "--steps", "1"]

@@ -19,7 +19,7 @@ import pandas as pd
 
 from salpchain.controllers.policy import Policy
 from salpchain.errors import InputError
-from salpchain.files import make_writable, read_json, write_json, write_text, writing
+from salpchain.files import StrPath, make_writable, read_json, write_json, write_text, writing
 
 ABOUT_FILE = "about.json"
 REPORT_FILE = "report.md"
@@ -30,12 +30,13 @@ _held = ExitStack()
 atexit.register(_held.close)
 
 
-def results_of(out: Path) -> Path:
+def results_of(out: StrPath) -> Path:
     """OUT/results, where the results of a study in OUT lie.
 
     Raises:
         InputError: they lie in OUT itself.
     """
+    out = Path(out)
     if (out / ABOUT_FILE).exists():
         raise InputError(
             f"{out} holds results itself, where a study has them in {RESULTS}/: give the folder"
@@ -44,7 +45,7 @@ def results_of(out: Path) -> Path:
     return out / RESULTS
 
 
-def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) -> None:
+def claim(out: StrPath, study: str, policy: Policy | None = None, **settings: Any) -> None:
     """The folder for a study's results, of this policy if of one; `about.json` keeps all of it.
 
     Raises:
@@ -52,7 +53,7 @@ def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) 
             process is at it.
         OSError: it cannot be made or written.
     """
-    about = {"study": study}
+    out, about = Path(out), {"study": study}
     if policy is not None:
         weights = b"".join(np.asarray(x).tobytes() for x in jax.tree.leaves(policy.network))
         about |= {"policy": policy.card.name, "weights": hashlib.sha256(weights).hexdigest()}
@@ -74,12 +75,13 @@ def claim(out: Path, study: str, policy: Policy | None = None, **settings: Any) 
         )
 
 
-def add_part(path: Path, part: dict[str, Any], play: Callable[[], pd.DataFrame]) -> None:
+def add_part(path: StrPath, part: dict[str, Any], play: Callable[[], pd.DataFrame]) -> None:
     """The rows of this part, added to the CSV file unless they are there.
 
     Raises:
         InputError: the file holds something else.
     """
+    path = Path(path)
     try:
         known = pd.read_csv(path) if path.exists() else None
         if known is not None and np.all(known[list(part)] == pd.Series(part), axis=1).any():

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.checks import LONGEST
-from salpchain.forks import check_not_forked
 from salpchain.given import instance
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.state import Chain, Physics, heading
@@ -64,7 +63,6 @@ class Task(eqx.Module):
     world: World = eqx.field(default_factory=World, converter=as_world)
 
     def __check_init__(self) -> None:
-        check_not_forked()
         instance("config", self.config, TaskConfig, "a TaskConfig, such as card.task(length)")
 
     @property

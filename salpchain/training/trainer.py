@@ -1,5 +1,6 @@
 """Training runs: start, watch, stop, resume. The work of one iteration is in `learner`."""
 
+import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -207,13 +208,13 @@ class Listeners:
         """
         return cls(functions("on_iteration", on_iteration), function("on_stage", on_stage))
 
-    def iteration(self, values: Mapping[str, float], step: int, run: Path) -> None:
+    def iteration(self, values: Mapping[str, float], step: int, run: StrPath) -> None:
         """Tells the metrics at a step; after an error nothing more is told."""
         try:
             for call in self.on_iteration if not self.error else ():
                 call(without_gaps(values), step)
         except BaseException as error:  # whatever it is, what was learned is saved first
-            resume = f"salpchain.resume({str(run)!r}) goes on"
+            resume = f"salpchain.resume({os.fspath(run)!r}) goes on"
             error.add_note(f"on_iteration stopped the training at step {step:,}; {resume}")
             self.error = error
 

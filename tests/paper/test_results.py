@@ -99,7 +99,7 @@ def test_a_whole_run_that_lacks_a_file_that_its_tests_need_is_set_aside(study, n
         ("config.json", "[]"),
         ("metrics.csv", "not,a log\n1,2\n"),
         ("metrics.csv", log(3)),
-        ("metrics.csv", log(20).replace("reward_goal", "reward")),
+        ("metrics.csv", log(20).replace("success", "wins")),
         ("summary.json", '{"steps": 3}'),
         ("summary.json", '{"steps": 3, "seconds": "abc", "success": 1}'),
     ],

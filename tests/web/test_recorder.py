@@ -199,7 +199,7 @@ def test_the_page_says_how_long_by_whom_and_how_many_and_a_name_stays_a_name():
     text = recording_page(watched.recorder.recording())
     data = json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])
     assert data["world"]["about"] == f"0.5 s, up to 2 chains, steered by greedy, {watched.policy}"
-    assert text.count("<script") == 5 and watched.policy not in text
+    assert text.count("<script") == 6 and watched.policy not in text
     assert [swim["chain"] for swim in data["swims"]] == [0, 0, 1]
 
 
