@@ -96,14 +96,19 @@ RUN = {"run": "run", "on_iteration": print, "on_stage": None, "save_every": 20.0
 STARTS = {"lengths": [3], "time_limit": "fixed", "seed": 0}
 FLAGS = {"out": None, "baseline": True, "progress": None, "overwrite": False}
 
+PLACE = {"task": "reach", "world": "still"}
+
 # Each function with arguments that are right
 GOOD = {
     "load": (salpchain.load, {"source": "greedy"}),
-    "evaluate": (salpchain.evaluate, {"controller": POLICY, "trials": 2, **STARTS, **FLAGS}),
-    "record": (salpchain.record, {"controller": POLICY, **STARTS, "trial": 0}),
-    "train": (salpchain.train, {"config": CONFIG, **RUN}),
+    "evaluate": (
+        salpchain.evaluate,
+        {"controller": POLICY, "trials": 2, **STARTS, **FLAGS, **PLACE},
+    ),
+    "record": (salpchain.record, {"controller": POLICY, **STARTS, "trial": 0, **PLACE}),
+    "train": (salpchain.train, {"config": CONFIG, **RUN, **PLACE}),
     "resume": (salpchain.resume, {**RUN, "run": "begun"}),
-    "new_learner": (salpchain.new_learner, {"config": CONFIG, "devices": None}),
+    "new_learner": (salpchain.new_learner, {"config": CONFIG, "devices": None, **PLACE}),
     "iterate": (salpchain.iterate, {"learner": LEARNER}),
     "preset": (
         salpchain.preset,

@@ -10,6 +10,7 @@ from salpchain.devices import mesh_of
 from salpchain.errors import InputError
 from salpchain.given import instance
 from salpchain.switches import own_mesh
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.registry import make_task
 from salpchain.tasks.task import Task
 from salpchain.training.config import TrainConfig
@@ -24,6 +25,8 @@ from salpchain.training.learner import (
     policy_of,
 )
 from salpchain.training.metrics import measured, not_finite, without_gaps
+from salpchain.training.settings import elsewhere
+from salpchain.world.config import WorldConfig
 
 
 class _Program:
@@ -77,15 +80,21 @@ class Learner:
 
 
 @own_mesh
-def new_learner(config: TrainConfig, devices: int | None = None) -> Learner:
+def new_learner(
+    config: TrainConfig,
+    devices: int | None = None,
+    task: "str | type[Task] | TaskConfig | None" = None,
+    world: WorldConfig | str | None = None,
+) -> Learner:
     """A learner before its first iteration; all randomness follows from `config.seed`.
 
-    Its chains are divided over as many devices as given, or as there are, as by `train`.
+    `task` and `world`, where given, take the place of those of the settings (see `elsewhere`). Its
+    chains are divided over as many devices as given, or as there are, as by `train`.
 
     Raises:
-        InputError: no settings, or fewer devices than given.
+        InputError: no settings, no such task or world, or fewer devices than given.
     """
-    instance("config", config, TrainConfig, 'a TrainConfig, such as salpchain.preset("quick")')
+    config = elsewhere(config, task, world)
     program = _Program(config, divided_over(config, devices))
     return Learner(config, 0, program.start(), program)
 

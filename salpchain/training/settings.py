@@ -21,7 +21,8 @@ from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.registry import config_class, configured, name_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
-from salpchain.world.presets import world_config
+from salpchain.world.config import WorldConfig
+from salpchain.world.presets import as_config, world_config
 
 if TYPE_CHECKING:
     from salpchain.tasks.task import Task
@@ -235,6 +236,27 @@ def laid_over(config: TrainConfig, values: Mapping[str, Any]) -> TrainConfig:
     return _replaced(config, values)
 
 
+def elsewhere(
+    config: TrainConfig,
+    task: "str | type[Task] | TaskConfig | None",
+    world: WorldConfig | str | None,
+) -> TrainConfig:
+    """The same training of another task or in another world, where one is given.
+
+    A task that is given by its name or class keeps what the settings and it have in common: length,
+    observation, action, time limit.
+
+    Raises:
+        InputError: no settings, or no such task or world.
+    """
+    instance("config", config, TrainConfig, 'a TrainConfig, such as salpchain.preset("quick")')
+    if isinstance(task, TaskConfig):
+        config = replace(config, task=task)
+    elif task is not None:
+        config = replace(config, task=configured(config.task, name_of(task)))
+    return config if world is None else replace(config, world=as_config(world))
+
+
 def _replaced(config: Any, values: Mapping[str, Any], above: str = "") -> Any:
     """A dataclass with these settings, by their paths in it; `above` is its own path."""
     parts: dict[str, dict[str, Any]] = {}
@@ -271,7 +293,7 @@ def preset(
     model: str | None = None,
     graph: str | None = None,
     seed: int = 0,
-    world: str | None = None,
+    world: WorldConfig | str | None = None,
     task: "str | type[Task] | None" = None,
     settings: Mapping[str, object] | None = None,
     **others: object,
@@ -279,7 +301,8 @@ def preset(
     """A preset for a chain length (units), or for several at once, with single settings changed.
 
     `settings` has any of `config.json` by their paths: `{"ppo.learning_rate": 1e-3}`. Several
-    lengths may also be a text such as `4..16`. `task` is the name of one, or its class.
+    lengths may also be a text such as `4..16`. `task` is the name of one, or its class, `world` the
+    name of one, or its settings.
 
     Raises:
         InputError: no such preset or setting, or an invalid value; the message says what is valid.
@@ -294,11 +317,15 @@ def preset(
     units = as_lengths(length)
     lengths = {"task.length": units[0]} if len(units) == 1 else {"mix.lengths": tuple(units)}
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
-    asked |= {"world.name": world, "task.name": None if task is None else name_of(task)}
+    if not isinstance(world, WorldConfig):
+        asked["world.name"] = world
+    asked["task.name"] = None if task is None else name_of(task)
     values = {path: value for path, value in asked.items() if value is not None}
     kind = task_of({**values, **settings})
     above = {path: checked(path, value, kind) for path, value in settings.items()}
     config = compose(overlay({**values, **lengths}, above))
+    if isinstance(world, WorldConfig):
+        config = laid_over(replace(config, world=world), above)
     if graph is not None and model in SINGLE_LENGTH:
         raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
     return config

@@ -15,8 +15,9 @@ import jax.numpy as jnp
 
 from salpchain.devices import device_name, mesh_of, use_devices
 from salpchain.files import StrPath, alone, read_json
-from salpchain.given import function, functions, instance, path, seconds
+from salpchain.given import function, functions, path, seconds
 from salpchain.switches import own_mesh
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.registry import make_task
 from salpchain.tasks.task import Task
 from salpchain.training import run_folder
@@ -25,6 +26,8 @@ from salpchain.training.config import TrainConfig
 from salpchain.training.learner import TrainState, compile_iterate, divided_over, new_state, place
 from salpchain.training.metrics import evaluated, without_gaps
 from salpchain.training.run_log import RunLog
+from salpchain.training.settings import elsewhere
+from salpchain.world.config import WorldConfig
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
 
@@ -45,8 +48,12 @@ def train(
     on_stage: OnStage | None = None,
     save_every: float = SAVE_EVERY,
     devices: int | None = None,
+    task: "str | type[Task] | TaskConfig | None" = None,
+    world: WorldConfig | str | None = None,
 ) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
+
+    `task` and `world`, where given, take the place of those of the settings (see `elsewhere`).
 
     After each iteration `on_iteration(metrics, step)` is called, or each of several such functions:
     `metrics` are numbers by the names of the columns of `metrics.csv`, without those that it is too
@@ -58,12 +65,13 @@ def train(
     the same up to the order of sums, from which long trainings part.
 
     Raises:
-        InputError: no settings, no path, a folder already used, or fewer devices than given.
+        InputError: no settings, no such task or world, no path, a folder already used, or fewer
+            devices than given.
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
         Exception: whatever `on_iteration` raises; everything is saved.
     """
-    instance("config", config, TrainConfig, 'a TrainConfig, such as salpchain.preset("quick")')
+    config = elsewhere(config, task, world)
     run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     run_folder.check_free(run)
     use_devices(devices)  # refused, if at all, before anything is written

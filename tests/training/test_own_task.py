@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,14 @@ from salpchain.cli.settings import changed
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.ranges import as_range
 from salpchain.tasks.follow.config import FollowConfig
 from salpchain.tasks.registry import as_config as task_config
 from salpchain.tasks.registry import make_task
+from salpchain.training.loop import new_learner
 from salpchain.training.run_folder import read_config
 from salpchain.training.settings import preset
+from salpchain.training.trainer import train
 from salpchain.world.presets import world_config
 from tests.own import Hover, HoverConfig
 
@@ -121,3 +125,29 @@ def test_a_test_sets_numbers_of_its_task_and_its_world():
     world, task = changed(world_config("still"), "follow", sets)
     assert task == FollowConfig(speed=0.2)
     assert tuple(world.current.speed) == (0.0, 0.08)
+
+
+def stop(_):
+    raise RuntimeError
+
+
+def test_training_in_python_takes_another_task_and_world(tmp_path):
+    """Given beside the settings they take the place of theirs, in a run and in a loop alike."""
+    ppo = {"ppo.envs": 4, "ppo.rollout": 8, "ppo.minibatch": 16, "task.contact": False}
+    config = preset(length=2, settings={"steps": 64, **ppo})
+    world = replace(world_config("current"), name="still")
+    learner = new_learner(config, task=Hover, world=world)
+    assert learner.config.task == HoverConfig(
+        2, fine_weight=0.5, contact=False, name="tests.own:Hover"
+    )
+    assert learner.config.world == world
+    with pytest.raises(RuntimeError):
+        other = FollowConfig(length=2)
+        train(config, tmp_path / "run", task=other, world="failing", on_stage=stop)
+    kept, _ = read_config(tmp_path / "run")
+    assert (kept.task.name, kept.world) == ("follow", world_config("failing"))
+    faster = preset(world=world, settings={"world.current.speed": 0.5}).world
+    assert faster.current == replace(world.current, speed=as_range(0.5))
+    with pytest.raises(InputError, match="unknown world 'ruff'"):
+        train(config, tmp_path / "other", world="ruff")
+    assert not (tmp_path / "other").exists()
