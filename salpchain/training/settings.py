@@ -317,15 +317,11 @@ def preset(
     units = as_lengths(length)
     lengths = {"task.length": units[0]} if len(units) == 1 else {"mix.lengths": tuple(units)}
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
-    if not isinstance(world, WorldConfig):
-        asked["world.name"] = world
     asked["task.name"] = None if task is None else name_of(task)
     values = {path: value for path, value in asked.items() if value is not None}
     kind = task_of({**values, **settings})
     above = {path: checked(path, value, kind) for path, value in settings.items()}
-    config = compose(overlay({**values, **lengths}, above))
-    if isinstance(world, WorldConfig):
-        config = laid_over(replace(config, world=world), above)
+    config = elsewhere(compose(overlay({**values, **lengths}, above)), None, world)
     if graph is not None and model in SINGLE_LENGTH:
         raise InputError(f"an {model} has no graph, got {graph}: leave the graph out")
-    return config
+    return laid_over(config, above)

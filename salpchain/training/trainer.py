@@ -54,7 +54,6 @@ def train(
     """A new run in a new folder; returns its summary.
 
     `task` and `world`, where given, take the place of those of the settings (see `elsewhere`).
-
     After each iteration `on_iteration(metrics, step)` is called, or each of several such functions:
     `metrics` are numbers by the names of the columns of `metrics.csv`, without those that it is too
     early to tell, and `step` the chain-steps so far. An evaluation comes in a call of its own, its
@@ -65,8 +64,7 @@ def train(
     the same up to the order of sums, from which long trainings part.
 
     Raises:
-        InputError: no settings, no such task or world, no path, a folder already used, or fewer
-            devices than given.
+        InputError: no such settings, task, world or path, a used folder, or too few devices.
         NotFiniteError: a loss or weight is no longer a number; the last good checkpoint is kept.
         KeyboardInterrupt: asked to stop; everything is saved.
         Exception: whatever `on_iteration` raises; everything is saved.
