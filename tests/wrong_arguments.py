@@ -1,12 +1,12 @@
 """Public functions given what they do not take; run by `test_public_arguments` as a program.
 
 A program of its own, for in the tests types are checked before a function sees what it is given.
-Work is replaced by an exception: what reaches it was accepted. Prints JSON lines: call and outcome.
+Work is replaced by an exception: what reaches it was accepted. Prints JSON: the outcome of each
+call of each part.
 """
 
 import json
 import os
-import sys
 import tempfile
 import warnings
 from pathlib import Path
@@ -252,9 +252,9 @@ def outcome(call):
     return "accepted"
 
 
-def sweep():
+def sweep(functions=GOOD):
     """Each argument of each function, in turn, replaced by each wrong value."""
-    for name, (function, good) in GOOD.items():
+    for name, (function, good) in functions.items():
         for argument in good:
             for what, bad in BAD.items():
                 given = {**good, argument: bad}
@@ -273,5 +273,7 @@ if __name__ == "__main__":
     Path("kept").mkdir()
     run_folder.create("begun", CONFIG, 1, "cpu")
     Path("kept/evaluation.json").write_text('{"policy": "one", "identity": "2", "lengths": []}')
-    for told in {"sweep": sweep, "seen": seen}[sys.argv[1]]():
-        print(json.dumps(told))
+    from tests.interop.arguments import functions
+
+    parts = {"seen": seen(), "sweep": sweep(), "bridges": sweep(functions(BATCH, STATE, work))}
+    print(json.dumps({name: dict(part) for name, part in parts.items()}))

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.errors import InputError
+from salpchain.given import told
 from salpchain.interop.checks import (
     checked_actions,
     checked_envs,
@@ -191,10 +192,14 @@ class Batch:
         self.states = self._programs.reset(keys)
         return self.states.obs.astype(jnp.float32)
 
+    def check_seeds(self, seed: Seeds) -> None:
+        """Raise InputError for seeds that `reset` would not take."""
+        self._seeds(seed)
+
     def _seeds(self, seed: Seeds) -> np.ndarray:
-        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
-            if len(seed) != self.num_envs:
-                raise InputError(f"seeds must be {self.num_envs}, got {len(seed)}")
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
+            if getattr(seed, "ndim", 1) != 1 or len(seed) != self.num_envs:
+                raise InputError(f"seeds must be {self.num_envs}, one for each, got {told(seed)}")
             return np.array([checked_seed(each) for each in seed], np.uint32)
         return ((checked_seed(seed) + np.arange(self.num_envs)) % 2**32).astype(np.uint32)
 

@@ -15,6 +15,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from salpchain.errors import InputError
+from salpchain.given import instance, told
 from salpchain.interop.checks import checked_world, task_of
 from salpchain.interop.extras import need
 from salpchain.tasks.registry import make_task
@@ -46,7 +47,7 @@ class SalpBraxEnv(base.Env):
 
     def reset(self, rng: PRNGKeyArray) -> base.State:
         """A new episode; `pipeline_state` is ours."""
-        if not jnp.issubdtype(rng.dtype, jax.dtypes.prng_key):
+        if getattr(rng, "dtype", None) == jnp.uint32 and jnp.shape(rng) == (2,):
             rng = jax.random.wrap_key_data(rng)
         return _in_brax(self.scld.reset(rng))
 
@@ -57,11 +58,12 @@ class SalpBraxEnv(base.Env):
         1.
 
         Raises:
-            InputError: an action of another shape.
+            InputError: no state of Brax, or an action of another shape.
         """
-        before: Any = state.pipeline_state
-        if action.shape != (self.action_size,):
-            raise InputError(f"action must have shape ({self.action_size},), got {action.shape}")
+        right = "a state of Brax, such as reset gives"
+        before: Any = instance("state", state, base.State, right).pipeline_state
+        if not isinstance(action, jax.Array | np.ndarray) or action.shape != (self.action_size,):
+            raise InputError(f"action must have shape ({self.action_size},), got {told(action)}")
         new = _in_brax(self.scld.step(before, action.reshape(-1, self.scld.action_size)))
         metrics = {**state.metrics, **new.metrics}  # trainers add some of their own
         return replace(new, metrics=metrics, info=state.info)

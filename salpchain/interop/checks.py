@@ -1,6 +1,7 @@
 """What users of the bridges give, checked: settings, sizes, seeds, actions."""
 
 import secrets
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from salpchain.checks import check_seed, one_of
 from salpchain.errors import InputError
-from salpchain.given import told
+from salpchain.given import index, told, whole
 from salpchain.starting import check_can_compute
 from salpchain.tasks.config import PLAYED_LIMIT, TaskConfig
 from salpchain.tasks.registry import config_class, name_of
@@ -77,10 +78,10 @@ def checked_envs(num_envs: Any) -> int:
     Raises:
         InputError: not a whole number, or out of range.
     """
-    whole = isinstance(num_envs, int | np.integer) and not isinstance(num_envs, bool)
-    if not whole or not 1 <= num_envs <= MOST_ENVS:
-        raise InputError(f"num_envs must be 1 to {MOST_ENVS:,}, got {num_envs!r}")
-    return int(num_envs)
+    number = index(num_envs)
+    if number is None or not 1 <= number <= MOST_ENVS:
+        raise InputError(f"num_envs must be 1 to {MOST_ENVS:,}, got {told(num_envs)}")
+    return number
 
 
 def limit_of(config: TaskConfig, max_steps: int | None) -> int:
@@ -91,10 +92,7 @@ def limit_of(config: TaskConfig, max_steps: int | None) -> int:
     """
     if max_steps is None:
         return config.step_limit
-    whole = isinstance(max_steps, int | np.integer) and not isinstance(max_steps, bool)
-    if not whole or max_steps < 1:
-        raise InputError(f"max_steps must be a whole number, at least 1, got {max_steps!r}")
-    return int(max_steps)
+    return whole("max_steps", max_steps, least=1)
 
 
 def checked_seed(seed: Any) -> int:
@@ -105,22 +103,33 @@ def checked_seed(seed: Any) -> int:
     """
     if seed is None:
         return secrets.randbits(32)
-    if not isinstance(seed, int | np.integer) or isinstance(seed, bool):
-        raise InputError(f"seed must be a whole number, got {seed!r}")
-    return check_seed(int(seed))
+    return check_seed(seed)
 
 
-def check_options(options: dict[str, Any] | None, known: tuple[str, ...]) -> dict[str, Any]:
+def check_options(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
     """The options of a reset; none are no options.
 
     Raises:
-        InputError: an option that is not known.
+        InputError: no dict, or an option that is not known.
     """
+    if options is not None and not isinstance(options, Mapping):
+        raise InputError(f"options must be a dict, or None, got {told(options)}")
     for name in options or {}:
         if name not in known:
             there = ", ".join(known) or "there are none here"
             raise InputError(f"unknown option {name!r} of reset: {there}")
     return options or {}
+
+
+def checked_render_mode(mode: Any, known: Sequence[str]) -> str | None:
+    """How pictures are given; None for no pictures.
+
+    Raises:
+        InputError: neither None nor a known one.
+    """
+    if mode is not None:
+        one_of("render mode", mode, known)
+    return mode
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> Any:

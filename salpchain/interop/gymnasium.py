@@ -12,7 +12,7 @@ import numpy as np
 from salpchain.checks import one_of
 from salpchain.errors import InputError
 from salpchain.interop.batch import Batch, Outcome, Seeds
-from salpchain.interop.checks import check_options, task_of
+from salpchain.interop.checks import check_options, checked_render_mode, checked_seed, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 from salpchain.world.randomise import WorldLike
@@ -53,7 +53,7 @@ class SalpEnv(gymnasium.Env):
 
         `world` is the name of one, or what `SCLD` takes: a `WorldConfig`, a `Physics`, a `World`.
         """
-        self.render_mode = _checked(render_mode, self.metadata["render_modes"])
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self._batch = Batch(task_of(task), 1, renew=False, world=world)
         self.observation_space, self.action_space = spaces(self._batch)
         self._screen = Screen()
@@ -67,7 +67,7 @@ class SalpEnv(gymnasium.Env):
             InputError: an invalid seed, or an option: there are none.
         """
         check_options(options, ())
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else checked_seed(seed))
         obs = np.array(self._batch.reset(seed))[0]
         self._show()
         return obs, {}
@@ -126,7 +126,7 @@ class SalpVectorEnv(VectorEnv):
         **task: Any,
     ) -> None:
         """The task by the fields of `TaskConfig`; truncated at its time limit, or earlier."""
-        self.render_mode = _checked(render_mode, self.metadata["render_modes"])
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self._mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         same_step = self._mode is AutoresetMode.SAME_STEP
@@ -151,6 +151,7 @@ class SalpVectorEnv(VectorEnv):
                 boolean for each; another option.
         """
         mask = check_options(options, ("reset_mask",)).get("reset_mask")
+        self._batch.check_seeds(seed)
         super().reset(seed=seed if isinstance(seed, int) else None)
         if mask is None:
             obs, self._over = self._batch.reset(seed), np.zeros(self.num_envs, bool)
@@ -194,12 +195,6 @@ class SalpVectorEnv(VectorEnv):
         self._batch.started()
         frames = (screen.frame(self._batch.one(i)) for i, screen in enumerate(self._screens))
         return tuple(frames) or None
-
-
-def _checked(mode: str | None, modes: list[str]) -> str | None:
-    if mode is not None and mode not in modes:
-        raise InputError(f"unknown render mode {mode!r}: choose one of {', '.join(modes)}")
-    return mode
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -1,12 +1,15 @@
 """SCLD as a PettingZoo parallel environment: one agent for each unit, one reward for all."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from salpchain.checks import one_of
 from salpchain.errors import InputError
+from salpchain.given import told
 from salpchain.interop.batch import Batch, Outcome
-from salpchain.interop.checks import task_of
+from salpchain.interop.checks import checked_render_mode, task_of
 from salpchain.interop.drawing import Frame, Screen
 from salpchain.interop.extras import need
 from salpchain.world.randomise import WorldLike
@@ -41,9 +44,7 @@ class SalpParallelEnv(ParallelEnv):
         self, render_mode: str | None = None, world: WorldLike = None, **task: Any
     ) -> None:
         """The task by the fields of `TaskConfig`, the world as in `SCLD`, e.g. `"rough"`."""
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InputError(f"unknown render mode {render_mode!r}: choose rgb_array or human")
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
         self._batch = Batch(task_of(task), 1, renew=False, world=world)
         (units, features), (_, act) = self._batch.observation_shape, self._batch.action_shape
         self.possible_agents = [f"unit_{index}" for index in range(units)]
@@ -56,12 +57,24 @@ class SalpParallelEnv(ParallelEnv):
         return {agent: make() for agent in self.possible_agents}
 
     def observation_space(self, agent: str) -> Space:
-        """What a unit may observe."""
-        return self.observation_spaces[agent]
+        """What a unit may observe.
+
+        Raises:
+            InputError: there is no such unit.
+        """
+        return self.observation_spaces[self._known(agent)]
 
     def action_space(self, agent: str) -> Space:
-        """What a unit may do."""
-        return self.action_spaces[agent]
+        """What a unit may do.
+
+        Raises:
+            InputError: there is no such unit.
+        """
+        return self.action_spaces[self._known(agent)]
+
+    def _known(self, agent: Any) -> str:
+        one_of("unit", agent, self.possible_agents)
+        return agent
 
     def reset(self, seed: int | None = None, options: Of | None = None) -> tuple[Of, Of]:
         """First observations of a new episode, and an empty info, for each unit.
@@ -94,6 +107,8 @@ class SalpParallelEnv(ParallelEnv):
         return given
 
     def _stacked(self, actions: Of) -> np.ndarray:
+        if not isinstance(actions, Mapping):
+            raise InputError(f"actions must be a dict by unit, got {told(actions)}")
         missing = [agent for agent in self.agents if agent not in actions]
         if missing:
             raise InputError(f"actions must name every unit, {missing[0]} is missing")

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from salpchain.checks import one_of
 from salpchain.errors import InputError
+from salpchain.given import index, told
 from salpchain.interop.batch import Batch
-from salpchain.interop.checks import check_options, task_of
+from salpchain.interop.checks import check_options, checked_render_mode, checked_seed, task_of
 from salpchain.interop.drawing import Screen
 from salpchain.interop.extras import need
 from salpchain.world.randomise import WorldLike
@@ -40,8 +40,7 @@ class SalpVecEnv(VecEnv):
 
         The world is as in `SCLD`, e.g. `"rough"`.
         """
-        one_of("render mode", render_mode or "rgb_array", ("rgb_array",))
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode, ("rgb_array",))
         self._batch = Batch(task_of(task), num_envs, world=world)
         self._screens = [Screen() for _ in range(num_envs)] if render_mode else []
         self._actions: Any = None
@@ -52,6 +51,14 @@ class SalpVecEnv(VecEnv):
         given = self._seeds[0]
         self._reset_seeds()
         return np.array(self._batch.reset(given))
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """The next `reset` starts the episodes of seed, seed + 1, ...; gives the seeds.
+
+        Raises:
+            InputError: no whole number from 0 on.
+        """
+        return super().seed(None if seed is None else checked_seed(seed))
 
     def set_options(self, options: list[dict] | dict | None = None) -> None:
         """Refuses options of the next reset: there are none.
@@ -73,11 +80,11 @@ class SalpVecEnv(VecEnv):
         done = np.asarray(outcome.terminated) | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         last, goal = np.array(outcome.final_obs), np.asarray(outcome.goal)
-        for index in np.flatnonzero(done):
-            infos[index] = {
-                "terminal_observation": last[index],
-                "TimeLimit.truncated": bool(truncated[index]),
-                "is_success": bool(goal[index]),
+        for over in np.flatnonzero(done):
+            infos[over] = {
+                "terminal_observation": last[over],
+                "TimeLimit.truncated": bool(truncated[over]),
+                "is_success": bool(goal[over]),
             }
         return np.array(outcome.obs), np.array(outcome.reward), done, infos
 
@@ -113,6 +120,8 @@ class SalpVecEnv(VecEnv):
             InputError: another method for some of the chains alone; a chain that is not there.
         """
         chosen = self._chosen(indices)
+        if not isinstance(method_name, str) or not hasattr(self, method_name):
+            raise InputError(f"there is no method {told(method_name)}")
         if method_name in ("reset", "render"):
             own = self._reset_chains if method_name == "reset" else self._render_chains
             return own(chosen, *method_args, **method_kwargs)
@@ -130,12 +139,14 @@ class SalpVecEnv(VecEnv):
         Raises:
             InputError: a chain that is not there.
         """
-        chosen = list(self._get_indices(indices))
-        for index in chosen:
-            whole = isinstance(index, int | np.integer) and not isinstance(index, bool)
-            if not whole or not -self.num_envs <= index < self.num_envs:
-                raise InputError(f"no chain {index!r}: there are 0 to {self.num_envs - 1}")
-        return [int(index) % self.num_envs for index in chosen]
+        given: Any = range(self.num_envs) if indices is None else indices
+        listed = isinstance(given, list | tuple | range) or np.ndim(given) == 1
+        chosen: list[Any] = list(given) if listed else [given]
+        for each in chosen:
+            number = index(each)
+            if number is None or not -self.num_envs <= number < self.num_envs:
+                raise InputError(f"no chain {told(each)}: there are 0 to {self.num_envs - 1}")
+        return [int(each) % self.num_envs for each in chosen]
 
     def _check_all(self, what: str, chosen: list[int]) -> None:
         if set(chosen) != set(range(self.num_envs)):

@@ -4,11 +4,14 @@ A tensor made from a JAX array shares its memory, and JAX takes for granted that
 there: treat it as read-only, or `clone` it.
 """
 
+from textwrap import shorten
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from salpchain.errors import InputError
+from salpchain.given import instance, told
 from salpchain.interop.extras import need
 
 need("torch", "torch")
@@ -17,15 +20,31 @@ import torch
 from torch import Tensor
 
 
+def checked_device(device: Any) -> Any:
+    """The device of torch.
+
+    Raises:
+        InputError: torch knows none by this, or it is not there.
+    """
+    try:
+        found = torch.device(device)
+        torch.empty(0, device=found)
+    except (TypeError, RuntimeError, AssertionError) as error:
+        why = shorten(str(error), 90)
+        raise InputError(
+            f"device must be one of torch's, such as 'cpu' or 'cuda', got {told(device)} ({why})"
+        ) from None
+    return found
+
+
 def to_torch(array: jax.Array) -> Tensor:
     """The array as a tensor on the same device, without a copy.
 
     Raises:
-        TypeError: random keys, or no JAX array.
+        InputError: random keys, or no JAX array.
     """
     if not isinstance(array, jax.Array) or jnp.issubdtype(array.dtype, jax.dtypes.prng_key):
-        kind = getattr(array, "dtype", type(array).__name__)
-        raise TypeError(f"only arrays of numbers become tensors, got {kind}")
+        raise InputError(f"only JAX arrays of numbers become tensors, got {told(array)}")
     return torch.from_dlpack(array)
 
 
@@ -33,7 +52,11 @@ def to_jax(tensor: Tensor) -> jax.Array:
     """The tensor as an array on the same device; without a copy where its memory is aligned.
 
     Gradients do not pass: the tensor is detached first.
+
+    Raises:
+        InputError: no tensor.
     """
+    instance("tensor", tensor, Tensor, "a tensor of torch")
     return jnp.from_dlpack(tensor.detach().contiguous())
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from salpchain.interop.batch import Batch
-from salpchain.interop.checks import check_options, task_of
+from salpchain.interop.checks import check_options, checked_seed, task_of
 from salpchain.interop.extras import need
 from salpchain.world.randomise import WorldLike
 
@@ -16,7 +16,7 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from salpchain.interop.torch import to_torch
+from salpchain.interop.torch import checked_device, to_torch
 
 
 class SalpTorchEnv(EnvBase):
@@ -36,7 +36,8 @@ class SalpTorchEnv(EnvBase):
             InputError: an unknown setting, an invalid one, or no world.
         """
         batch = Batch(task_of(settings), num_envs, renew=False, world=world)
-        super().__init__(device=torch.device(device), batch_size=torch.Size([num_envs]))
+        device = checked_device(device)
+        super().__init__(device=device, batch_size=torch.Size([num_envs]))
         self.config, self._batch = batch.config, batch
         self._seed: int | None = None
         chains, one = torch.Size([num_envs]), torch.Size([num_envs, 1])
@@ -54,10 +55,17 @@ class SalpTorchEnv(EnvBase):
         self.done_spec = Composite(
             done=flags[1], terminated=flags[2], truncated=flags[3], shape=chains
         )
-        self.to(torch.device(device))
+        self.to(device)
+
+    def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
+        """The next reset of all chains starts the episodes of seed, seed + 1, ...
+
+        Raises:
+            InputError: no whole number from 0 on.
+        """
+        return super().set_seed(None if seed is None else checked_seed(seed), static_seed)
 
     def _set_seed(self, seed: int | None) -> None:
-        """The next reset of all chains starts the episodes of seed, seed + 1, ..."""
         self._seed = seed
 
     def _reset(self, tensordict: TensorDictBase | None = None, **options: Any) -> TensorDict:

@@ -9,8 +9,10 @@ names the environment whose action is NaN.
 from typing import Any
 
 from salpchain.errors import InputError
-from salpchain.interop.checks import checked_envs, limit_of, reach_alone, task_of
+from salpchain.given import told
+from salpchain.interop.checks import checked_envs, checked_seed, limit_of, reach_alone, task_of
 from salpchain.interop.extras import need
+from salpchain.interop.torch import checked_device
 from salpchain.interop.torch_task import (
     Chains,
     heading,
@@ -259,8 +261,12 @@ class ChainEnvironment(Environment):
                 moved.
         """
         names = [agent.name for agent in self.agents]
-        by_name = isinstance(actions, dict)
-        given = [actions[name] for name in names if name in actions] if by_name else list(actions)
+        if isinstance(actions, dict):
+            given = [actions[name] for name in names if name in actions]
+        elif isinstance(actions, list | tuple) or getattr(actions, "ndim", 0):
+            given = list(actions)
+        else:
+            raise InputError(f"actions must be a list, or a dict by unit, got {told(actions)}")
         if not len(names) == len(given) == len(actions):
             raise InputError(f"give an action for each of {len(names)} units, got {len(given)}")
         pairs = zip(names, given, strict=True)
@@ -308,8 +314,8 @@ def make_env(
     return ChainEnvironment(
         Scenario(),
         num_envs=checked_envs(num_envs),
-        device=device,
-        seed=seed,
+        device=checked_device(device),
+        seed=None if seed is None else checked_seed(seed),
         max_steps=config.step_limit,
         clamp_actions=True,
         terminated_truncated=True,
@@ -346,8 +352,8 @@ def make_torchrl_env(
     env = ChainEnvironment(
         Scenario(),
         num_envs=checked_envs(num_envs),
-        device=device,
-        seed=seed,
+        device=checked_device(device),
+        seed=None if seed is None else checked_seed(seed),
         continuous_actions=continuous_actions,
         clamp_actions=True,
         world=world,

@@ -103,12 +103,15 @@ def test_a_step_before_the_first_reset_and_odd_numbers_are_refused():
     with pytest.raises(InputError, match="unknown setting of the task 'lenght'"):
         task_of({"lenght": 8})
     batch = Batch(CONFIG, ENVS)
-    for seeds, word in (([0, 1], "must be 4, got 2"), ([], "must be 4, got 0")):
+    for seeds, word in (
+        ([0, 1], "must be 4, one for each, got"),
+        ([], "must be 4, one for each, got"),
+    ):
         with pytest.raises(InputError, match=word):
             batch.reset(seeds)
     with pytest.raises(InputError, match="max_steps must be a whole number"):
         Batch(CONFIG, ENVS, max_steps=0)
-    with pytest.raises(InputError, match="seeds must be 4, got 2"):
+    with pytest.raises(InputError, match="seeds must be 4, one for each"):
         batch.reset([0, 1])
     batch.reset(0)
     with pytest.raises(InputError, match="4 booleans"):
