@@ -62,8 +62,9 @@ class SalpBraxEnv(base.Env):
         """
         right = "a state of Brax, such as reset gives"
         before: Any = instance("state", state, base.State, right).pipeline_state
-        if not isinstance(action, jax.Array | np.ndarray) or action.shape != (self.action_size,):
-            raise InputError(f"action must have shape ({self.action_size},), got {told(action)}")
+        given = getattr(action, "shape", told(action))
+        if given != (self.action_size,):
+            raise InputError(f"action must have shape ({self.action_size},), got {given}")
         new = _in_brax(self.scld.step(before, action.reshape(-1, self.scld.action_size)))
         metrics = {**state.metrics, **new.metrics}  # trainers add some of their own
         return replace(new, metrics=metrics, info=state.info)
