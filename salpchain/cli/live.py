@@ -8,12 +8,14 @@ from typing import Annotated
 import tyro
 
 from salpchain.checks import check_seed
-from salpchain.cli.options import Folder, Whole, number, text_option
+from salpchain.cli.options import Folder, Whole, World, number, text_option
+from salpchain.cli.settings import Sets, changed_world
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_live, check_there, is_name
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
 from salpchain.installation import install_command
+from salpchain.world.presets import world_config
 
 POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -28,7 +30,10 @@ class Live:
     unless you give another --host. Needs the extra `live`; where it is missing, the error names
     the command that installs it.
 
-    Example: salpchain live runs/eight
+    With --world there are walls, currents or broken thrusters in the water: a world is drawn when
+    the page starts and anew at each Reset, its walls and posts clear of the chain and its target.
+
+    Example: salpchain live runs/eight --world room
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
@@ -44,8 +49,12 @@ class Live:
     allow_origin: Annotated[str, text_option("ORIGIN[,ORIGIN...]")] = ""
     """Where a reverse proxy shows the page, such as https://lab.example.org (no path).
     Default: only the address that the terminal shows may connect."""
+    world: World = "still"
+    set: Sets = ()
+    """Any number of the world, such as world.current.speed=0:0.08; may be given several times.
+    docs/settings.md lists them."""
     seed: Whole = "0"
-    """Seed of the random targets."""
+    """Seed of the random targets and worlds."""
 
 
 def run(options: Live) -> None:
@@ -53,6 +62,7 @@ def run(options: Live) -> None:
     port, seed = number("port", options.port), check_seed(number("seed", options.seed))
     if not 0 <= port < 65536:
         raise InputError(f"--port must be 0 to 65535, got {port}")
+    world = changed_world(world_config(options.world), options.set)
     origins = _origins(options.allow_origin)
     _check_policy(options.policy)
     try:
@@ -67,7 +77,7 @@ def run(options: Live) -> None:
         say("compiling: the page shows the chain as soon as it swims")
         for origin in sorted(origins):
             print(f"  a proxy may show it under {origin}", flush=True)
-        live = server.Live(options.policy, options.runs, seed)
+        live = server.Live(options.policy, options.runs, seed, world)
         server.serve(live, frozenset(_names(options.host)), origins, bound)
 
 

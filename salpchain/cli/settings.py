@@ -128,6 +128,19 @@ def changed(
     return config.world, config.task
 
 
+def changed_world(world: WorldConfig, sets: Sequence[str]) -> WorldConfig:
+    """A world with what `--set` says of it.
+
+    Raises:
+        InputError: a setting of something else, or an invalid one.
+    """
+    values = typed(sets)
+    for path in values:
+        if not path.startswith("world."):
+            raise InputError(f"--set {path} is no setting of a world: give world....")
+    return laid_over(replace(TrainConfig(), world=world), values).world
+
+
 def combined(
     file: str, sets: Sequence[str], options: Mapping[str, tuple[str, Any]]
 ) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from salpchain.report.replay import Scale, filled, packed_motion
+from salpchain.evaluation.surroundings import Surroundings
+from salpchain.report.replay import Scale, filled, packed_motion, packed_surroundings
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,8 @@ class Recording:
     parts: Sequence[Part]
     current: Sequence[tuple[int, float, float]]  # m/s, from which control step on
     dt: float  # s, of a control step
+    around: Sequence[tuple[int, Surroundings]] = ()  # from which control step on
+    world: str = "still"  # what it is called
 
     @property
     def steps(self) -> int:
@@ -57,10 +60,12 @@ def recording_page(recording: Recording) -> str:
     most = max(_num_at(recording, step) for step in changes)
     chains = "1 chain" if most == 1 else f"up to {most} chains"
     lasted = f"{recording.steps * recording.dt:.1f} s"
+    where = "" if recording.world == "still" else f", world {recording.world}"
     world = {
         "title": "Recorded live",
-        "about": f"{lasted}, {chains}, steered by {', '.join(policies)}",
+        "about": f"{lasted}, {chains}, steered by {', '.join(policies)}{where}",
         "current": [list(entry) for entry in recording.current],
+        "around": [[step, packed_surroundings(one, 0)] for step, one in recording.around],
     }
     parts = [packed_part(part, recording.dt) for part in recording.parts]
     return filled("Recorded live - salpchain replay", {"swims": parts, "world": world})

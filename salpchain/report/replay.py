@@ -16,6 +16,7 @@ from salpchain.errors import InputError
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_text
+from salpchain.report.shapes import UNIT
 from salpchain.report.surroundings import is_moving
 
 MOST = 12  # trajectories in a page (chosen; more are too small to be seen)
@@ -50,6 +51,7 @@ def page(swims: Sequence[Trajectory]) -> str:
 
 def filled(title: str, data: dict[str, Any]) -> str:
     """The page with this title and data."""
+    data = {**data, "sizes": {"unit": UNIT}}
     words = _parts() | {
         "policy": content_policy(),
         "title": html.escape(title),

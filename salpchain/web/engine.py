@@ -9,13 +9,17 @@ import numpy as np
 
 from salpchain.controllers.policy import Controller
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
+from salpchain.physics.state import Physics
 from salpchain.report.recorded import Recording
 from salpchain.web import messages
 from salpchain.web.fleet import SPARE, Fleet
 from salpchain.web.pool import SLOTS, Pool
 from salpchain.web.recorder import LONGEST, MOST_PARTS, Recordings
-from salpchain.web.swimmer import Swimmer
+from salpchain.web.swimmer import LINK, Swimmer
 from salpchain.web.world import World
+from salpchain.world.config import WorldConfig
+from salpchain.world.presets import label
 
 STEP = 0.1  # s of swimming in a control step
 IDLE = 0.5  # s between looks while nobody watches (chosen)
@@ -34,11 +38,15 @@ class Engine:
         tell: Callable[[bytes], None],
         complain: Callable[[str], None],
         seed: int = 0,
+        config: WorldConfig | None = None,
     ) -> None:
-        """`tell` gets every new state, as bytes for all browsers, and `complain` every error."""
-        self.world, self.fleet = World(seed), fleet
+        """`tell` gets every new state, as bytes for all browsers, and `complain` every error.
+
+        `config` says which world is drawn at each reset; the still one if left out.
+        """
+        self.world, self.fleet = World(seed, config=config or WorldConfig()), fleet
         self._tell, self._complain = tell, complain
-        self.pool, self.recordings = Pool(), Recordings(STEP)
+        self.pool, self.recordings = Pool(), Recordings(STEP, label(self.world.config))
         self.paused, self.speed, self.watched = False, 1.0, 0
         self.policy, self.loading = fleet.first, fleet.first
         self.took = 0.0  # s, of the last step
@@ -64,18 +72,19 @@ class Engine:
         """One control step, told to everybody."""
         if self._controller is None:
             raise InputError("the policy is being loaded: wait a moment")
-        begin, before = time.perf_counter(), self.world.swimmers
+        begin, before = time.perf_counter(), (self.world.swimmers, self.world.tank.around)
         self.world.advance(self.pool, self._controller)
         self.took = time.perf_counter() - begin
         self._keep(before)
         self.show()
 
-    def _keep(self, before: list[Swimmer]) -> None:
+    def _keep(self, before: tuple[list[Swimmer], Surroundings]) -> None:
         """Records the control step just made, if a recording runs."""
         recorder = self.recordings.running
         if not recorder:
             return
-        recorder.keep(before, self.world.swimmers, self.world.current, self.policy)
+        chains, around = before
+        recorder.keep(chains, self.world.swimmers, self.world.current, self.policy, around)
         if recorder.full:
             most = f"{LONGEST * STEP / 60:.0f} minutes, {MOST_PARTS} edits"
             self._complain(f"a recording holds at most {most}: this one has ended")
@@ -107,6 +116,7 @@ class Engine:
             loading=self.loading,
             took=round(1e3 * self.took, 2),
             current=_short(world.current),
+            around=world.tank.told,
             recording=round(recorder.steps * STEP, 1) if recorder else None,
             recorded=self.recordings.newest,
             chains=[_chain(one) for one in world.swimmers],
@@ -114,7 +124,15 @@ class Engine:
 
     def welcome(self) -> bytes:
         """What a browser must know once."""
-        return messages.write("welcome", policies=self.fleet.names, step=STEP, most=SLOTS[-1])
+        return messages.write(
+            "welcome",
+            policies=self.fleet.names,
+            step=STEP,
+            most=SLOTS[-1],
+            world=label(self.world.config),
+            unit=[Physics.unit_length, Physics.unit_width],
+            link=LINK,
+        )
 
     def pause(self, on: bool) -> None:
         """Stops or goes on."""
@@ -162,10 +180,11 @@ class Engine:
             await self._change_policy(SPARE)
 
     async def _change_policy(self, name: str) -> None:
+        drawn = self.world.tank.world  # a later one differs in numbers alone
         try:
             controller = await asyncio.to_thread(self.fleet.load, name)
             self.world.steer_by(controller.card)
-            await asyncio.to_thread(self.pool.prepare, controller, SLOTS[0])
+            await asyncio.to_thread(self.pool.prepare, controller, SLOTS[0], drawn)
             self.world.steer_by(controller.card)  # chains may have changed meanwhile
             self._controller, self.policy = controller, name
         except (InputError, OSError) as error:
@@ -174,7 +193,7 @@ class Engine:
             self.loading = ""
         self.show()
         if self._controller is not None:
-            await asyncio.to_thread(self.pool.prepare, self._controller, SLOTS[1])
+            await asyncio.to_thread(self.pool.prepare, self._controller, SLOTS[1], drawn)
 
 
 def _chain(one: Any) -> dict[str, Any]:

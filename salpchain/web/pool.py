@@ -10,20 +10,23 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from salpchain.controllers.policy import Controller
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.state import Bodies, Chain, heading
 from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.observations import Around
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
-from salpchain.tasks.state import State
-from salpchain.world.current import Uniform
+from salpchain.web.memory import kept, remembered, width
+from salpchain.web.tank import MOST_UNITS
+from salpchain.world.current import Sum, Uniform
+from salpchain.world.sensing import Senses
 from salpchain.world.thrusters import Thrusters
-from salpchain.world.world import World
+from salpchain.world.world import World, of_episode
 
-SLOTS = (64, 128)  # units of all chains together, of a compiled step (chosen)
+SLOTS = (64, MOST_UNITS)  # units of all chains together, of a compiled step (chosen)
 CHAINS = 6  # that swim at once (chosen)
 
 
@@ -36,9 +39,13 @@ class Packed(NamedTuple):
     linked: Any  # (gap,)
     target: Any  # (slot, 2)
     thrust: Any  # (slot,) of the last step (N)
-    works: Any  # (slot,)
+    gain: Any  # (slot,) of the thruster; 0 where it is off
     kick: Any  # (slot, 2) m/s, added to a unit's velocity once
-    current: Any  # (2,) m/s, of the water
+    current: Any  # (2,) m/s, of the water besides the world's
+    memory: Any  # (slot, number) of faulty sensors
+    begins: Any  # (slot,) whether a unit's sensors begin
+    time: Any  # control steps since the reset
+    seed: Any  # (2,) data of the key of what changes in time
     first: Any  # (chain,) slot of each chain's first unit
     count: Any  # (chain,) its units; 0 where there is no chain
 
@@ -49,6 +56,8 @@ class Moved(NamedTuple):
     units: Any  # (slot, 6)
     links: Any  # (gap, 6)
     thrust: Any  # (slot,)
+    memory: Any  # (slot, number)
+    water: Any  # arrays of the world's own current
     distance: Any  # (chain,) m, mean, to the target
     reached: Any  # (chain,)
 
@@ -61,32 +70,44 @@ class Pool:
         self._compiled: dict[Any, Any] = {}
         self._lock = threading.Lock()
 
-    def prepare(self, controller: Controller, slots: int) -> None:
-        """Compiles the step of such controllers, unless that was done."""
-        key = _key(controller, slots)
+    def prepare(self, controller: Controller, slots: int, world: World | None = None) -> None:
+        """Compiles the step of such controllers in such a world, unless that was done."""
+        world = world or World()
+        key = _key(controller, slots, world)
         if key in self._compiled:
             return
         with self._lock:
             if key not in self._compiled:
                 weights, rest = eqx.partition(controller, eqx.is_array)
-                work = jax.jit(partial(_advance, rest)).lower(weights, empty(slots))
+                fixed = eqx.filter(world, eqx.is_array, inverse=True)
+                packed = empty(slots, world)
+                work = jax.jit(partial(_advance, rest, fixed)).lower(
+                    weights, _arrays(world), packed
+                )
                 self._compiled[key] = work.compile()
 
-    def advance(self, controller: Controller, packed: Packed) -> Moved:
-        """The world one control step later, as NumPy arrays."""
-        slots = len(packed.units)
-        self.prepare(controller, slots)
+    def advance(self, controller: Controller, packed: Packed, world: World | None = None) -> Moved:
+        """The chains in this world one control step later, as NumPy arrays."""
+        world, slots = world or World(), len(packed.units)
+        self.prepare(controller, slots, world)
         weights, _ = eqx.partition(controller, eqx.is_array)
-        return jax.tree.map(np.asarray, self._compiled[_key(controller, slots)](weights, packed))
+        step = self._compiled[_key(controller, slots, world)]
+        return jax.tree.map(np.asarray, step(weights, _arrays(world), packed))
 
 
-def _key(controller: Controller, slots: int) -> Any:
-    """Controllers of one kind share a program: weights are data."""
+def _arrays(world: World) -> World:
+    """What is drawn for each world, as data of the compiled step."""
+    return jax.tree.map(np.asarray, of_episode(world))
+
+
+def _key(controller: Controller, slots: int, world: World) -> Any:
+    """Controllers of one kind, and worlds of one, share a program: weights are data."""
     card = controller.card
     shapes = [(x.shape, x.dtype) for x in jax.tree.leaves(controller) if eqx.is_array(x)]
     own = card.length if card.control.model in SINGLE_LENGTH else 0
     kind = type(controller), card.control, card.observation, card.action, own
-    return kind, tuple(shapes), slots
+    fixed, tree = jax.tree.flatten(eqx.filter(world, eqx.is_array, inverse=True))
+    return kind, tuple(shapes), slots, tuple(fixed), tree
 
 
 def slots_for(units: int) -> int:
@@ -94,8 +115,8 @@ def slots_for(units: int) -> int:
     return next(slots for slots in SLOTS if slots >= units)
 
 
-def empty(slots: int) -> Packed:
-    """No chains, in arrays of the right shapes and types."""
+def empty(slots: int, world: World) -> Packed:
+    """No chains, in arrays of the right shapes and types for a world."""
     gap, f = slots - 1, np.float32
     return Packed(
         units=np.zeros((slots, 6), f),
@@ -104,31 +125,71 @@ def empty(slots: int) -> Packed:
         linked=np.zeros(gap, bool),
         target=np.zeros((slots, 2), f),
         thrust=np.zeros(slots, f),
-        works=np.zeros(slots, bool),
+        gain=np.zeros(slots, f),
         kick=np.zeros((slots, 2), f),
         current=np.zeros(2, f),
+        memory=np.zeros((slots, width(world.sensing)), f),
+        begins=np.ones(slots, bool),
+        time=np.zeros((), np.int32),
+        seed=np.zeros(2, np.uint32),
         first=np.zeros(CHAINS, np.int32),
         count=np.zeros(CHAINS, np.int32),
     )
 
 
-def _advance(rest: Any, weights: Any, packed: Packed) -> Moved:
+def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -> Moved:
     """Each chain is steered by itself; then all of them move together and may touch."""
-    controller, slots = eqx.combine(weights, rest), len(packed.units)
-    card, world = controller.card, _world(packed)
+    controller, drawn = eqx.combine(weights, rest), eqx.combine(arrays, fixed)
+    world, chain = _world(packed, drawn), _chain(packed)
+    keys = jr.split(jr.fold_in(jr.wrap_key_data(packed.seed), packed.time), 3)
+    senses = remembered(world.sensing, keys[0], chain, packed.memory, packed.begins)
+    thrust = _asked(
+        controller, world, packed, chain if senses is None else senses.of(chain), senses
+    )
+    if world.sensing is not None and senses is not None:
+        asked, senses = world.sensing.given(senses, thrust[:, None], packed.time)
+        thrust = asked[:, 0]
+    thrust = world.thrust(thrust, packed.thrust, packed.time)
+    chain = world.step(_kicked(chain, packed), thrust)
+    if world.sensing is not None and senses is not None:
+        senses = world.sensing.sense(keys[1], chain, senses)
+    apart, good = _judged(packed, chain)
+    return Moved(
+        units=_columns(chain.units),
+        links=_columns(chain.links),
+        thrust=thrust,
+        memory=kept(senses, len(packed.units)),
+        water=of_episode(drawn.advance(keys[2])).current,
+        distance=apart,
+        reached=good,
+    )
+
+
+def _asked(
+    controller: Controller, world: World, packed: Packed, seen: Chain, senses: Senses | None
+) -> Float[Array, " slot"]:
+    """The thrusts (N) that the controller asks for, of each chain as its sensors tell it."""
+    card, slots = controller.card, len(packed.units)
     env = SCLD(TaskConfig(slots, card.observation, card.action))
-    chain = _chain(packed)
-    force = packed.thrust[:, None] * heading(chain.units.angle)
+    force = packed.thrust[:, None] * heading(_bodies(packed.units).angle)
+    silent = jnp.zeros(slots, bool) if senses is None else senses.dropped > 0
 
     def steer(index: Array, thrust: Array) -> Array:
-        own, target, past = _alone(packed, chain, force, index)
-        wanted = env.thrust(own, _act(controller, env, own, target, past))
-        return thrust + jnp.roll(wanted, packed.first[index])
+        first = packed.first[index]
+        own = View(
+            *_alone(packed, seen, force, index),
+            jnp.roll(packed.gain, -first),
+            jnp.roll(silent, -first),
+        )
+        wanted = env.thrust(own.chain, _act(controller, env, own, world, packed.time))
+        return thrust + jnp.roll(wanted, first)
 
-    alive = (packed.count > 0).sum()
-    thrust = jax.lax.fori_loop(0, alive, steer, jnp.zeros(slots))
-    thrust = world.thrust(thrust, packed.thrust, jnp.int32(0))
-    chain = world.step(_kicked(chain, packed), thrust)
+    return jax.lax.fori_loop(0, (packed.count > 0).sum(), steer, jnp.zeros(slots))
+
+
+def _judged(packed: Packed, chain: Chain) -> tuple[Array, Array]:
+    """How far each chain is from its target (m, mean), and whether it has taken it."""
+    force = jnp.zeros_like(packed.target)
 
     def judge(index: Array, results: tuple[Array, Array]) -> tuple[Array, Array]:
         own, target, _ = _alone(packed, chain, force, index)
@@ -137,8 +198,7 @@ def _advance(rest: Any, weights: Any, packed: Packed) -> Moved:
         return apart.at[index].set(mean), good.at[index].set(reached(own, target))
 
     none = jnp.zeros(CHAINS), jnp.zeros(CHAINS, bool)
-    apart, good = jax.lax.fori_loop(0, alive, judge, none)
-    return Moved(_columns(chain.units), _columns(chain.links), thrust, apart, good)
+    return jax.lax.fori_loop(0, (packed.count > 0).sum(), judge, none)
 
 
 def _chain(packed: Packed) -> Chain:
@@ -175,43 +235,53 @@ def _alone(
     return own, mine(packed.target), jnp.where(present[:, None], mine(force), 0.0)
 
 
+class View(NamedTuple):
+    """One chain in the first slots, as its sensors tell it."""
+
+    chain: Chain
+    target: Float[Array, "slot 2"]  # m
+    force: Float[Array, "slot 2"]  # N, of the last step
+    gain: Float[Array, " slot"]  # of each thruster
+    silent: Bool[Array, " slot"]  # whether a unit's readings are dropped
+
+
 def _act(
-    controller: Controller, env: SCLD, own: Chain, target: Array, force: Array
+    controller: Controller, env: SCLD, own: View, world: World, time: Array
 ) -> Float[Array, "slot act"]:
     """What the controller does, as it would in an episode that begins now."""
+    slots = env.config.length
     if controller.card.control.model in SINGLE_LENGTH:
-        return _act_at_one_length(controller, env, own, target, force)
-    state = env.start(own, target, jr.key(0))
-    return controller.act(_seeing(state, env, own, target, force))
+        env = SCLD(replace(env.config, length=controller.card.length))
+        own = _shortened(own, env.config.length)
+    state = env.start(own.chain, own.target, jr.key(0))
+    thrusters = replace(world.thrusters or Thrusters(), gain=own.gain)
+    around = Around(replace(world, thrusters=thrusters), time)
+    obs = env.observe(own.chain, own.target, own.force, around)
+    obs = jnp.where(own.silent[:, None], 0.0, obs)
+    action = controller.act(eqx.tree_at(lambda s: s.obs, state, obs))
+    return jnp.zeros((slots, action.shape[1])).at[: len(action)].set(action)
 
 
-def _seeing(state: State, env: SCLD, own: Chain, target: Array, force: Array) -> State:
-    return eqx.tree_at(lambda s: s.obs, state, env.observe(own, target, force))
-
-
-def _act_at_one_length(
-    controller: Controller, env: SCLD, own: Chain, target: Array, force: Array
-) -> Float[Array, "slot act"]:
+def _shortened(own: View, length: int) -> View:
     """The same in just as many slots as the controller has units."""
-    length, slots = controller.card.length, len(target)
-    env = SCLD(replace(env.config, length=length))
-    own = Chain(
-        units=jax.tree.map(lambda x: x[:length], own.units),
-        links=jax.tree.map(lambda x: x[: length - 1], own.links),
-        rest_angle=own.rest_angle[: length - 1],
-        present=own.present[:length],
-        linked=own.linked[: length - 1],
-        touching=own.touching,
+    chain = own.chain
+    short = Chain(
+        units=jax.tree.map(lambda x: x[:length], chain.units),
+        links=jax.tree.map(lambda x: x[: length - 1], chain.links),
+        rest_angle=chain.rest_angle[: length - 1],
+        present=chain.present[:length],
+        linked=chain.linked[: length - 1],
+        touching=chain.touching,
     )
-    state = env.start(own, target[:length], jr.key(0))
-    action = controller.act(_seeing(state, env, own, target[:length], force[:length]))
-    return jnp.zeros((slots, action.shape[1])).at[:length].set(action)
+    return View(short, *(x[:length] for x in own[1:]))
 
 
-def _world(packed: Packed) -> World:
-    """The water and the thrusters as they are in this step."""
-    working = jnp.asarray(packed.works).astype(float)
-    return World(current=Uniform(packed.current), thrusters=Thrusters(gain=working))
+def _world(packed: Packed, drawn: World) -> World:
+    """The drawn world with the water and the thrusters as they are in this step."""
+    current = Uniform(packed.current)
+    thrusters = replace(drawn.thrusters or Thrusters(), gain=jnp.asarray(packed.gain))
+    flow = current if drawn.current is None else Sum((current, drawn.current))
+    return replace(drawn, current=flow, thrusters=thrusters)
 
 
 def _kicked(chain: Chain, packed: Packed) -> Chain:

@@ -6,11 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from salpchain.errors import InputError
+from salpchain.evaluation.surroundings import Surroundings
 from salpchain.report.recorded import Part, Recording, recording_page
 from salpchain.web.swimmer import ANGLE, Swimmer
 
 LONGEST = 3000  # control steps of a recording: 5 minutes, 13 MB at most (chosen)
 MOST_PARTS = 400  # of a recording (chosen; each takes a kilobyte of the page)
+WATER = 10  # control steps at least between two pictures of water that changes (chosen)
 KEPT = 3  # pages that can be fetched, 6 MB each at most; older ones are dropped (chosen)
 
 
@@ -66,13 +68,14 @@ class _Open:
 class Recorder:
     """Keeps the control steps of a world; edits between two steps show in the next one."""
 
-    def __init__(self, dt: float) -> None:
+    def __init__(self, dt: float, world: str = "still") -> None:
         """Nothing is recorded yet; a control step takes `dt` seconds."""
-        self.steps, self._dt = 0, dt
+        self.steps, self._dt, self._world = 0, dt, world
         self._chains: dict[int, int] = {}  # number in the recording by name in the world
         self._open: dict[int, _Open] = {}
         self._closed: list[Part] = []
         self._current: list[tuple[int, float, float]] = []
+        self._around: list[tuple[int, Surroundings]] = []
 
     @property
     def full(self) -> bool:
@@ -86,8 +89,10 @@ class Recorder:
         after: Sequence[Swimmer],
         current: np.ndarray,
         policy: str,
+        around: Surroundings | None = None,
     ) -> None:
         """Keeps a control step: the chains as they were, edits included, and as they are now."""
+        self._look(around or Surroundings())
         x, y = (round(float(value), 4) for value in current)
         if not self._current or self._current[-1][1:] != (x, y):
             self._current.append((self.steps, x, y))
@@ -100,6 +105,16 @@ class Recorder:
             part.add(moved[name])
         self._open = going
         self.steps += 1
+
+    def _look(self, around: Surroundings) -> None:
+        """Keeps what is around the chains if it has changed; of water alone not every change."""
+        if self._around:
+            step, last = self._around[-1]
+            stands = [(last.walls, around.walls), (last.posts, around.posts)]
+            same = all(np.array_equal(one, other) for one, other in stands)
+            if around is last or (same and self.steps - step < WATER):
+                return
+        self._around.append((self.steps, around))
 
     def _part(self, one: Swimmer, policy: str) -> _Open:
         """The part that a chain is in, begun here if an edit has made another chain of it."""
@@ -126,15 +141,15 @@ class Recorder:
             raise InputError("nothing was recorded: the chains did not swim meanwhile")
         parts = [*self._closed, *(part.closed() for part in self._open.values())]
         parts.sort(key=lambda part: (part.begin, part.chain))
-        return Recording(parts, self._current, self._dt)
+        return Recording(parts, self._current, self._dt, self._around, self._world)
 
 
 class Recordings:
     """At most one recording that runs, and the pages of the last ones."""
 
-    def __init__(self, dt: float) -> None:
-        """None yet."""
-        self._dt = dt
+    def __init__(self, dt: float, world: str = "still") -> None:
+        """None yet; `world` is what the world is called."""
+        self._dt, self._world = dt, world
         self.running: Recorder | None = None
         self.newest = 0  # number of the newest page; 0 if there is none
         self.writing = False
@@ -150,7 +165,7 @@ class Recordings:
             raise InputError("a recording runs already: stop it first")
         if self.writing:
             raise InputError("the last recording is being written: wait a moment")
-        self.running = Recorder(self._dt)
+        self.running = Recorder(self._dt, self._world)
 
     def stop(self) -> Recording:
         """Ends the recording that runs and gives it; its page is to be added.

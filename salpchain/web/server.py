@@ -29,6 +29,7 @@ from salpchain.web.guard import (
 
 if TYPE_CHECKING:
     from salpchain.web.engine import Engine
+    from salpchain.world.config import WorldConfig
 
 PAGE = {
     "/": ("salpchain.web", "static/live.html", "text/html"),
@@ -38,6 +39,7 @@ PAGE = {
     "/live.css": ("salpchain.web", "static/live.css", "text/css"),
     "/look.css": ("salpchain.report", "page/look.css", "text/css"),
     "/drawing.js": ("salpchain.report", "page/drawing.js", "text/javascript"),
+    "/surroundings.js": ("salpchain.report", "page/surroundings.js", "text/javascript"),
     "/icon.svg": ("salpchain.web", "static/icon.svg", "image/svg+xml"),
 }
 TRY_AGAIN = 1013  # WebSocket close code
@@ -86,9 +88,15 @@ class Client:
 class Live:
     """The application: it owns the engine and the browsers that watch."""
 
-    def __init__(self, chosen: str = "", runs: StrPath = "", seed: int = 0) -> None:
+    def __init__(
+        self,
+        chosen: str = "",
+        runs: StrPath = "",
+        seed: int = 0,
+        world: "WorldConfig | None" = None,
+    ) -> None:
         """Nothing heavy is imported before the server runs."""
-        self._asked = chosen, runs, seed
+        self._asked = chosen, runs, seed, world
         self.engine: Engine | None = None
         self.clients: set[Client] = set()
         self.failure: Exception | None = None
@@ -135,8 +143,9 @@ class Live:
         from salpchain.web.fleet import Fleet
 
         use_devices()
-        chosen, runs, seed = self._asked
-        return Engine(Fleet(chosen, Path(runs) if runs else None), self._tell, self._complain, seed)
+        chosen, runs, seed, world = self._asked
+        fleet = Fleet(chosen, Path(runs) if runs else None)
+        return Engine(fleet, self._tell, self._complain, seed, world)
 
     def _tell(self, message: bytes) -> None:
         for client in self.clients:

@@ -1,9 +1,10 @@
 """One chain of the live world as plain arrays, and what can be done to it: grow, cut, join."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from salpchain.checks import SHORTEST
 from salpchain.errors import InputError
@@ -17,6 +18,14 @@ LEANS = np.radians([0, 20, -20, 40, -40, 60, -60, 80, -80])  # tried for a new u
 Bodies = Float[np.ndarray, "_ 6"]  # x, y (m), angle (rad), their rates (m/s, rad/s)
 Points = Float[np.ndarray, "_ 2"]
 Point = Float[np.ndarray, "2"]
+Lets = Callable[[Points, Points], bool]  # whether obstacles let units go from these points to those
+NEVER = np.iinfo(np.int32).max  # the control step in which a thruster that never fails does
+
+
+def everywhere(begin: Points, end: Points) -> bool:
+    """Lets units go anywhere, as water without obstacles does."""
+    del begin, end
+    return True
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +37,8 @@ class Swimmer:
     links: Float[np.ndarray, "link 6"]
     rest: Float[np.ndarray, "link 2"]  # rad, as in physics.Chain.rest_angle
     works: Bool[np.ndarray, " unit"]  # whether the unit's thruster is on
+    gain: Float[np.ndarray, " unit"]  # of the unit's thruster where it is on
+    fails_at: Int[np.ndarray, " unit"]  # control step in which the unit's thruster goes off
     target: Float[np.ndarray, "unit 2"]  # m
     turn: float = 0.0  # rad, how far the target pose was turned so far
     thrust: Float[np.ndarray, " unit"] | None = None  # N, of the last step
@@ -35,6 +46,7 @@ class Swimmer:
     reached: bool = False
     since: int = 0  # control steps since the target was changed
     arrived: int | None = None  # control steps that the way to this target took
+    memory: Float[np.ndarray, "unit number"] | None = None  # of faulty sensors; None: they begin
 
     @property
     def length(self) -> int:
@@ -54,8 +66,9 @@ def straight(name: int, length: int, centre: Point, angle: float, target: Points
     units = np.zeros((length, 6))
     units[:, :2], units[:, ANGLE] = place, angle
     links = (units[1:] + units[:-1]) / 2
-    rest, works = np.zeros((length - 1, 2)), np.ones(length, bool)
-    return aimed(Swimmer(name, units, links, rest, works, target), target)
+    rest, works, gain = np.zeros((length - 1, 2)), np.ones(length, bool), np.ones(length)
+    fails_at = np.full(length, NEVER)
+    return aimed(Swimmer(name, units, links, rest, works, gain, fails_at, target), target)
 
 
 def aimed(one: Swimmer, target: Points, turn: float = 0.0) -> Swimmer:
@@ -75,7 +88,7 @@ def placed(one: Swimmer, centre: Point, turn: float) -> Swimmer:
     return aimed(one, shape + centre, turn)
 
 
-def grown(one: Swimmer, others: Points) -> Swimmer:
+def grown(one: Swimmer, others: Points, lets: Lets = everywhere) -> Swimmer:
     """The swimmer with one more unit at its end, at rest relative to its neighbour.
 
     Raises:
@@ -87,7 +100,8 @@ def grown(one: Swimmer, others: Points) -> Swimmer:
     taken = np.concatenate([one.units[:-1, :2], others])
     for angle in bearing + LEANS:
         place = last[:2] + LINK * np.array([np.cos(angle), np.sin(angle)])
-        if np.linalg.norm(taken - place, axis=1).min() > ROOM:
+        free = np.linalg.norm(taken - place, axis=1).min() > ROOM
+        if free and lets(last[None, :2], place[None]):
             break
     else:
         raise InputError("there is no room at the end of the chain: let it uncurl first")
@@ -103,6 +117,9 @@ def grown(one: Swimmer, others: Points) -> Swimmer:
         links=np.vstack([one.links, link]),
         rest=np.vstack([one.rest, np.zeros(2)]),
         works=np.append(one.works, True),
+        gain=np.append(one.gain, 1.0),
+        fails_at=np.append(one.fails_at, NEVER),
+        memory=None,
         thrust=np.append(one.pushes, 0.0),
         target=np.vstack([one.target, more]),
     )
@@ -128,6 +145,9 @@ def _part(one: Swimmer, first: int, end: int) -> Swimmer:
         links=one.links[first : end - 1],
         rest=one.rest[first : end - 1],
         works=one.works[first:end],
+        gain=one.gain[first:end],
+        fails_at=one.fails_at[first:end],
+        memory=None if one.memory is None else one.memory[first:end],
         thrust=one.pushes[first:end],
         target=one.target[first:end],
     )
@@ -170,19 +190,22 @@ def turned_round(one: Swimmer) -> Swimmer:
         links=links,
         rest=one.rest[::-1, ::-1].copy(),
         works=one.works[::-1].copy(),
+        gain=one.gain[::-1].copy(),
+        fails_at=one.fails_at[::-1].copy(),
+        memory=None,
         thrust=-one.pushes[::-1],
         target=one.target[::-1].copy(),
     )
 
 
-def joined(one: Swimmer, other: Swimmer) -> Swimmer:
+def joined(one: Swimmer, other: Swimmer, lets: Lets = everywhere) -> Swimmer:
     """One swimmer of both, linked where their ends are nearest; keeps the first one's name.
 
     The other comes nearer until the link fits, and the link is stiff at the angle at which they
     lie. The target is the first one's, gone on straight.
 
     Raises:
-        InputError: no two ends are near.
+        InputError: no two ends are near, or an obstacle is in the way.
     """
     one, other, gap = _end_to_end(one, other)
     if gap > REACH:
@@ -191,6 +214,9 @@ def joined(one: Swimmer, other: Swimmer) -> Swimmer:
         )
     way = other.units[0, :2] - one.units[-1, :2]
     hop = way * (LINK / max(np.linalg.norm(way), 1e-9) - 1)
+    places = other.units[:, :2] + hop
+    if not (lets(other.units[:, :2], places) and lets(one.units[-1:, :2], places[:1])):
+        raise InputError("a wall or a post is in the way of the joint: bring the ends elsewhere")
     facing = one.units[-1, ANGLE]
     angle = facing + _wrapped(np.arctan2(way[1], way[0]) - facing)
     link = (one.units[-1] + other.units[0]) / 2
@@ -203,6 +229,9 @@ def joined(one: Swimmer, other: Swimmer) -> Swimmer:
         links=np.vstack([one.links, link, other.links + shift]),
         rest=np.vstack([one.rest, [sides], other.rest]),
         works=np.concatenate([one.works, other.works]),
+        gain=np.concatenate([one.gain, other.gain]),
+        fails_at=np.concatenate([one.fails_at, other.fails_at]),
+        memory=None,
         thrust=np.concatenate([one.pushes, other.pushes]),
         target=_gone_on(one.target, other.length),
     )

@@ -11,12 +11,15 @@ from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.errors import InputError
 from salpchain.web import swimmer
 from salpchain.web.drawing import nearer_way_round, random_target, resampled
-from salpchain.web.pool import CHAINS, SLOTS, Packed, Pool, empty, slots_for
+from salpchain.web.pool import CHAINS, Moved, Packed, Pool, empty, slots_for
 from salpchain.web.swimmer import Swimmer
+from salpchain.web.tank import MOST_UNITS, Tank
+from salpchain.world.config import WorldConfig
 
-MOST_UNITS = SLOTS[-1]
 FASTEST_CURRENT = 0.3  # m/s (chosen: half as fast again as a chain)
 HARDEST_KICK = 3.0  # m/s, of the one unit that is pushed (chosen)
+KICKS_AMONG_WALLS = 1.0  # m/s, of all units in a step, so that none goes through one (chosen)
+TRIES = 64  # random targets that are drawn before one stands in a wall (chosen)
 FIRST_LENGTH = 12  # units, until somebody changes it (chosen)
 
 Point = Float[np.ndarray, "2"]
@@ -24,7 +27,9 @@ Point = Float[np.ndarray, "2"]
 
 @dataclass
 class World:
-    """Chains in still or moving water; edits take effect at once, time passes with `advance`.
+    """Chains in a tank; edits take effect at once, time passes with `advance`.
+
+    Each reset draws what is in the tank anew from the settings of a world.
 
     Every edit raises InputError, and changes nothing, where it cannot be done.
     """
@@ -35,10 +40,11 @@ class World:
     swimmers: list[Swimmer] = field(default_factory=list)
     card: PolicyCard | None = None  # of the controller that steers
     epoch: int = 0  # counts resets, so that a page knows that chains did not swim but jump
+    config: WorldConfig = field(default_factory=WorldConfig)
 
     def __post_init__(self) -> None:
         self._dice = np.random.default_rng(self.seed)
-        self._names = 0
+        self._names, self.tank = 0, Tank(self.config, self.seed)
         self._kicks: list[tuple[int, int, Point]] = []
         if not self.swimmers:
             self.reset(FIRST_LENGTH)
@@ -52,8 +58,9 @@ class World:
         angle = self._dice.uniform(0, 2 * np.pi)
         one = swimmer.straight(self._new_name(), length, np.zeros(2), angle, target)
         one = swimmer.aimed(one, nearer_way_round(target, one.units[:, :2]))
-        self.swimmers, self._kicks, self.time = [one], [], 0
+        self.swimmers, self._kicks, self.time = [self.tank.fill(one)], [], 0
         self.epoch += 1
+        self.tank.survey(self.swimmers, self.current)
 
     @property
     def num_units(self) -> int:
@@ -74,11 +81,14 @@ class World:
         self._change(name, aim)
 
     def retarget(self, name: int) -> None:
-        """Gives a chain a new random target near it."""
+        """Gives a chain a new random target near it, clear of obstacles where that can be."""
 
         def aim(one: Swimmer) -> Swimmer:
             units = one.units[:, :2]
-            target = random_target(self._dice, one.length, units.mean(axis=0))
+            for _ in range(TRIES):
+                target = random_target(self._dice, one.length, units.mean(axis=0))
+                if self.tank.suits(target, units):
+                    break
             return swimmer.aimed(one, nearer_way_round(target, units))
 
         self._change(name, aim)
@@ -89,7 +99,8 @@ class World:
         self._check_room(self.num_units + 1)
         self._check_serves([one.length + 1])
         others = [other.units[:, :2] for other in self.swimmers if other.name != name]
-        self._change(name, lambda one: swimmer.grown(one, np.vstack([np.empty((0, 2)), *others])))
+        taken, lets = np.vstack([np.empty((0, 2)), *others]), self.tank.lets
+        self._change(name, lambda one: swimmer.grown(one, taken, lets))
 
     def shrink(self, name: int) -> None:
         """Takes the unit at a chain's end away."""
@@ -117,7 +128,7 @@ class World:
         """Links two chains at their nearest ends."""
         if name == other:
             raise InputError("a chain cannot be joined to itself: give two chains")
-        whole = swimmer.joined(self._find(name), self._find(other))
+        whole = swimmer.joined(self._find(name), self._find(other), self.tank.lets)
         self._check_serves([whole.length])
         self.swimmers = [one for one in self.swimmers if one.name != other]
         self._change(name, lambda _: whole)
@@ -130,11 +141,12 @@ class World:
         del self._kicks[:-MOST_UNITS]
 
     def flow(self, x: float, y: float) -> None:
-        """Sets the current of the water (m/s)."""
+        """Sets a current of the water (m/s), besides the world's own."""
         speed = float(np.hypot(x, y))
         if speed > FASTEST_CURRENT:
             raise InputError(f"a current is at most {FASTEST_CURRENT} m/s, got {speed:.2f}")
         self.current = np.array([x, y])
+        self.tank.survey(self.swimmers, self.current)
 
     def steer_by(self, card: PolicyCard) -> None:
         """From now on a controller with this card steers; it must serve all chains there are."""
@@ -144,37 +156,41 @@ class World:
     def advance(self, pool: Pool, controller: Controller) -> None:
         """One control step (0.1 s) of all chains."""
         packed = self._pack()
-        moved = pool.advance(controller, packed)
+        moved = pool.advance(controller, packed, self.tank.world)
         if not (np.isfinite(moved.units).all() and np.isfinite(moved.links).all()):
             self.reset()  # no edit is known to do this; a world must never stay broken
             return
         self.time += 1
         self._kicks = []
+        self.tank.flow_on(moved.water)
         self.swimmers = [
-            _after(
-                one, moved.units[a:], moved.links[a:], moved.thrust[a:], float(apart), bool(good)
-            )
-            for one, a, apart, good in zip(
-                self.swimmers, packed.first, moved.distance, moved.reached, strict=False
-            )
+            _after(one, moved, index, int(first), self.time)
+            for index, (one, first) in enumerate(zip(self.swimmers, packed.first, strict=False))
         ]
+        self.tank.survey(self.swimmers, self.current, self.time)
 
     def _pack(self) -> Packed:
         """All chains one after the other; the gap between two chains is no link."""
-        packed = empty(slots_for(self.num_units))
+        packed = empty(slots_for(self.num_units), self.tank.world)
         first = 0
         for index, one in enumerate(self.swimmers):
             units, links = slice(first, first + one.length), slice(first, first + one.length - 1)
             packed.units[units], packed.links[links] = one.units, one.links
             packed.rest[links], packed.linked[links] = one.rest, True
-            packed.target[units], packed.works[units] = one.target, one.works
+            packed.target[units], packed.gain[units] = one.target, one.gain * one.works
             packed.thrust[units] = one.pushes
+            if one.memory is not None:
+                packed.memory[units], packed.begins[units] = one.memory, False
             packed.first[index], packed.count[index] = first, one.length
             for name, unit, kick in self._kicks:
                 if name == one.name and unit < one.length:
                     packed.kick[first + unit] += kick
             first += one.length
-        packed.current[:] = self.current
+        if self.tank.has_obstacles:
+            speed = np.linalg.norm(packed.kick, axis=1).sum()
+            packed.kick[:] *= min(1.0, KICKS_AMONG_WALLS / max(speed, 1e-9))
+        packed.current[:], packed.time[()] = self.current, self.time
+        packed.seed[:] = self.tank.seed
         return packed
 
     def _find(self, name: int, unit: int = 0) -> Swimmer:
@@ -204,17 +220,19 @@ class World:
                 card.check_serves(length)
 
 
-def _after(
-    one: Swimmer, units: np.ndarray, links: np.ndarray, thrust: np.ndarray, apart: float, good: bool
-) -> Swimmer:
-    """The chain after a step, from the slots that begin with its own."""
-    n, since = one.length, one.since + 1
+def _after(one: Swimmer, moved: Moved, index: int, first: int, time: int) -> Swimmer:
+    """The chain after a step, which is the one of this index and begins in this slot."""
+    n, since, good = one.length, one.since + 1, bool(moved.reached[index])
+    mine = slice(first, first + n)
+    fails = one.works & (one.fails_at == time)
     return replace(
         one,
-        units=units[:n].astype(float),
-        links=links[: n - 1].astype(float),
-        thrust=thrust[:n].astype(float),
-        distance=apart,
+        units=moved.units[mine].astype(float),
+        links=moved.links[first : first + n - 1].astype(float),
+        works=one.works & ~fails if fails.any() else one.works,
+        thrust=moved.thrust[mine].astype(float),
+        memory=moved.memory[mine] if moved.memory.shape[1] else None,
+        distance=float(moved.distance[index]),
         reached=good,
         since=since,
         arrived=since if good and one.arrived is None else one.arrived,

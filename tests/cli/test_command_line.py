@@ -159,6 +159,8 @@ BAD = [
     (["live", "USED/thesis.tex"], "not a salpchain policy"),
     (["live", "mpc", "--port", "0"], "mpc is too slow to steer live: choose a run, or one of"),
     (["live", "--port", "70000"], "--port must be 0 to 65535"),
+    (["live", "--world", "nowhere"], "unknown world 'nowhere': choose one of still, current"),
+    (["live", "--set", "task.fence=true"], "--set task.fence is no setting of a world"),
     (["live", "--allow-origin", "lab.example.org"], "--allow-origin must be like https://lab"),
     (["live", "--host", "no.such.host.invalid"], "no name or address of this machine"),
     (["reproduce", "--out", "USED"], "holds something else than a study"),

@@ -1,7 +1,8 @@
 // What both pages draw: water, targets, chains, jets, trails. All lengths in metres, y upwards.
 "use strict";
 const Salp = (() => {
-  const UNIT = [0.04, 0.05], CORNER = 0.016, LINK = 0.07, REACHED = 0.0513, JET = 0.075;
+  const sizes = {}; // unit: along the chain and across it, link: what a page is told
+  const CORNER = 0.016, REACHED = 0.0513, JET = 0.075;
   const FAINTEST = 0.005, SHORTEST_JET = 0.25; // N; of a whole jet (as in report/shapes.py)
   const PLACES = ["#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f"];
   const THEMES = {
@@ -132,7 +133,7 @@ const Salp = (() => {
 
   function boxAt(ctx, camera, x, y, angle, grow = 0) {
     const [px, py] = camera.toScreen(x, y), s = camera.scale;
-    const [w, h] = [UNIT[0] * s + grow, UNIT[1] * s + grow];
+    const [w, h] = sizes.unit.map((side) => side * s + grow);
     ctx.save();
     ctx.translate(px, py);
     ctx.rotate(-angle - camera.turn);
@@ -189,7 +190,7 @@ const Salp = (() => {
     if (!size) return;
     const flicker = still.matches ? 1 : 1 + 0.12 * Math.sin(31 * seconds + 9 * unit.place * 40);
     const [px, py] = camera.toScreen(unit.x, unit.y), side = Math.sign(unit.thrust);
-    const rim = (UNIT[1] / 2 - 0.003) * s, reach = JET * size * flicker * s;
+    const rim = (sizes.unit[1] / 2 - 0.003) * s, reach = JET * size * flicker * s;
     ctx.save();
     ctx.translate(px, py);
     ctx.rotate(-unit.angle - camera.turn);
@@ -336,6 +337,7 @@ const Salp = (() => {
     }, { passive: false });
   }
 
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer; // of base64
   const between = (a, b, part) => a + part * (b - a);
   function betweenAngles(a, b, part) {
     const apart = ((b - a + Math.PI) % (2 * Math.PI) + 2 * Math.PI) % (2 * Math.PI) - Math.PI;
@@ -343,7 +345,7 @@ const Salp = (() => {
   }
 
   return {
-    LINK, REACHED, Camera, between, betweenAngles, chain, dark, ghosts, jetSize, placeColour, pointers, resize,
-    scaleBar, still, strings, theme, trail, water, trace, stroke,
+    REACHED, Camera, between, betweenAngles, bytes, chain, dark, ghosts, jetSize, placeColour, pointers, resize,
+    scaleBar, sizes, still, strings, theme, trail, water, trace, stroke,
   };
 })();

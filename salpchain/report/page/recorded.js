@@ -3,7 +3,8 @@
 "use strict";
 const Recorded = (() => {
   // The numbers that only a part has, as they were before they were packed.
-  function unpack(part, bytes) {
+  function unpack(part) {
+    const { bytes } = Salp;
     part.targets = part.targets.map(([step, packed]) => {
       const flat = new Int16Array(bytes(packed));
       const at = (i, axis) => part.middle[axis] + flat[2 * i + axis] * part.grain;
@@ -37,12 +38,16 @@ const Recorded = (() => {
     const { camera, dt } = parts[0], step = Math.min(state.time, end) / dt, here = partsAt(parts, step);
     const nows = here.map((part) => Math.min(Math.max(step - part.begin + 1e-6, 0), part.steps));
     const units = here.map((part, k) => unitsAt(part, nows[k]));
+    const around = { ...world.around.findLast(([from]) => from <= step + 1e-6)?.[1], camera, steps: 1, dt: 1 };
     if (!state.touched) {
       const points = here.flatMap((part, k) => [...units[k].map(({ x, y }) => [x, y]), ...part.targetAt(nows[k])]);
+      points.push(...Surroundings.corners({ ...around, target: points, centroid: [] }));
       follow(camera, state, points, 14 + 20 * here.length);
     }
     const [, ...current] = world.current.findLast(([from]) => from <= step + 1e-6);
     Salp.water(ctx, camera, state.time, current);
+    Surroundings.streaks(ctx, around, state.time);
+    Surroundings.draw(ctx, around);
     here.forEach((part, k) => drawBodies(ctx, part, nows[k], units[k]));
     Salp.scaleBar(ctx, camera);
     here.forEach((part, k) => say(ctx, part, Math.floor(nows[k]), units[k][0], here.length > 1 && colourOf(part), k));

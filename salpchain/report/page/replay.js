@@ -1,13 +1,9 @@
 // Plays the trajectories that this page holds, or what was recorded of a live world (recorded.js).
 "use strict";
 (() => {
-  const get = (id) => document.getElementById(id);
+  const get = (id) => document.getElementById(id), { bytes } = Salp;
   const SPEEDS = [...get("speed").options].map((option) => +option.value);
   const LINES = ["#22a7d6", "#f08c2e", "#d6589f", "#4caf50", "#8e7cf0", "#b5a32a"];
-
-  function bytes(text) {
-    return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
-  }
 
   // Numbers as they were before they were packed into 16 and 8 bits.
   function unpack(packed) {
@@ -29,8 +25,8 @@
       for (let i = 0; i < n; i++) sum += Math.abs(swim.thrust(t, i));
       return sum / n;
     });
-    if (packed.water) Surroundings.unpack(swim, new Int8Array(bytes(packed.water.flow)));
-    if (packed.targets) Recorded.unpack(swim, bytes);
+    Surroundings.unpack(swim);
+    if (packed.targets) Recorded.unpack(swim);
     if (packed.moving) {
       const flat = new Int16Array(bytes(packed.moving));
       const at = (t, i, axis) => packed.middle[axis] + flat[2 * (t * n + i) + axis] * packed.grain;
@@ -44,7 +40,9 @@
     return swim;
   }
 
-  const { swims: packed, world } = JSON.parse(get("data").textContent), swims = packed.map(unpack);
+  const { swims: packed, world, sizes } = JSON.parse(get("data").textContent), swims = packed.map(unpack);
+  Object.assign(Salp.sizes, sizes);
+  world?.around.forEach(([, around]) => Surroundings.unpack(around));
   const together = world || swims.every((s) => JSON.stringify(s.target) === JSON.stringify(swims[0].target));
   const end = Math.max(...swims.map((s) => ((s.begin ?? 0) + s.steps) * s.dt), 1e-9);
   if (world) swims.forEach((swim) => { swim.camera = swims[0].camera; });

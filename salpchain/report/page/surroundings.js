@@ -2,11 +2,13 @@
 "use strict";
 const Surroundings = (() => {
   const LIFE = 6, TAIL = 3, FADE = 1.5, PIECES = 6; // s, s, s, of a streak (as in surroundings.py)
-  const APART = 60; // pixels between two streaks
+  const APART = 60; // pixels between two streaks, about
   const scatter = (number, salt) => Math.abs(Math.sin(number * 127.1 + 311.7 * salt) * 43758.5453) % 1;
 
   // Gives a swim `flow(x, y, part)`: the water's velocity (m/s) when this part of it is over.
-  function unpack(swim, numbers) {
+  function unpack(swim) {
+    if (!swim.water) return;
+    const numbers = new Int8Array(Salp.bytes(swim.water.flow));
     const { shape: [moments, rows, columns], area: [low, high], speed } = swim.water;
     const at = (share, count) => {
       const place = Math.min(Math.max(share, 0), 1) * (count - 1), first = Math.floor(place);
@@ -25,12 +27,12 @@ const Surroundings = (() => {
     };
   }
 
-  // The way of one speck since it began, its last seconds alone.
-  function way(swim, camera, [px, py], index, time) {
+  // The way of one speck since it began near a point (m), its last seconds alone.
+  function way(swim, [x0, y0], apart, index, time) {
     const turns = time / LIFE + scatter(index, 3), turn = Math.floor(turns), age = (turns - turn) * LIFE;
-    const [jx, jy] = [1, 2].map((salt) => (scatter(index + 7919 * turn, salt) - 0.5) * APART);
+    const [jx, jy] = [1, 2].map((salt) => (scatter(index + 7919 * turn, salt) - 0.5) * apart);
     const part = time / Math.max(swim.steps * swim.dt, 1e-9), step = age / (2 * PIECES);
-    const points = [camera.toWorld(px + jx, py + jy)];
+    const points = [[x0 + jx, y0 + jy]];
     for (let k = 0; k < 2 * PIECES; k++) {
       const [x, y] = points[k], [u, v] = swim.flow(x, y, part);
       points.push([x + step * u, y + step * v]);
@@ -40,17 +42,20 @@ const Surroundings = (() => {
     return points.slice(Math.max(first, 0));
   }
 
+  // Each begins near a point of a grid that lies still in the world, however the view moves.
   function streaks(ctx, swim, time) {
     if (!swim.flow) return;
     const { camera } = swim, [left, top, width, height] = camera.box, { ghost } = Salp.theme();
-    const columns = Math.ceil(width / APART), count = columns * Math.ceil(height / APART);
-    for (let index = 0; index < count; index++) {
-      const [column, row] = [index % columns, Math.floor(index / columns)];
-      const start = [left + (column + 0.5) * APART, top + (row + 0.5) * APART];
-      const points = way(swim, camera, start, index, time);
-      for (const [share, alpha] of [[0, 0.16], [0.5, 0.24]]) {
-        Salp.trace(ctx, camera, points.slice(Math.floor(share * (points.length - 1))));
-        Salp.stroke(ctx, `rgba(${ghost}, ${alpha})`, 1.5);
+    const apart = 2 ** Math.round(Math.log2(APART / camera.scale)); // m
+    const seen = [[0, 0], [1, 0], [0, 1], [1, 1]].map(([i, j]) => camera.toWorld(left + i * width, top + j * height));
+    const [columns, rows] = [0, 1].map((axis) => seen.map((point) => Math.round(point[axis] / apart)));
+    for (let column = Math.min(...columns); column <= Math.max(...columns); column++) {
+      for (let row = Math.min(...rows); row <= Math.max(...rows); row++) {
+        const points = way(swim, [column * apart, row * apart], apart, column + 997 * row, time);
+        for (const [share, alpha] of [[0, 0.16], [0.5, 0.24]]) {
+          Salp.trace(ctx, camera, points.slice(Math.floor(share * (points.length - 1))));
+          Salp.stroke(ctx, `rgba(${ghost}, ${alpha})`, 1.5);
+        }
       }
     }
   }

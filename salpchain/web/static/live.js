@@ -9,7 +9,7 @@
   const live = {
     chains: [], camera: new Salp.Camera(), current: [0, 0], paused: false, tool: "target",
     name: null, unit: null, sketch: null, held: null, step: 0.1, following: true, connected: false,
-    epoch: null, time: null, lags: [], frames: 0, framed: 0, states: 0,
+    epoch: null, time: null, heard: 0, around: null, world: "still", lags: [], frames: 0, framed: 0, states: 0,
   };
   const ripples = [], trails = new Map(), arrivals = new Map();
   let socket = null, tries = 0, waiting = null, toasting = null, queued = null;
@@ -45,6 +45,8 @@
       live.step = message.step;
       live.most = message.most;
       live.epoch = null;
+      live.world = message.world;
+      Object.assign(Salp.sizes, { unit: message.unit, link: message.link });
       get("policy").replaceChildren(...message.policies.map((name) => new Option(name, name)));
     },
     state: hearState,
@@ -66,7 +68,9 @@
       return { ...chain, from: same ? before.shown : null, at: now, shown: chain.units.map(asUnit) };
     });
     if (jumped) { trails.clear(); arrivals.clear(); live.following = true; live.unit = null; }
-    if (moved) live.chains.forEach((chain) => leaveTrail(chain));
+    if (moved) { live.heard = now; live.chains.forEach(leaveTrail); }
+    live.around = { ...state.around, camera: live.camera, steps: 1, dt: 1 };
+    Surroundings.unpack(live.around);
     live.chains.forEach(celebrate);
     Object.assign(live, {
       epoch: state.epoch, time: state.time, paused: state.paused, pacing: state.speed, current: state.current,
@@ -182,7 +186,8 @@
     say("hint", [which, unit].filter(Boolean).join(", ") || Tools.HINTS[live.tool]);
     banner(live.loading ? `Loading ${live.loading}: it swims in a moment` : "");
     offer();
-    say("health", `A step takes ${live.took} ms on the server.${lagWords()}`);
+    const where = live.world === "still" ? "" : `The world is ${live.world}, drawn anew at each reset. `;
+    say("health", `${where}A step takes ${live.took} ms on the server.${lagWords()}`);
     buttons();
   }
 
@@ -220,9 +225,12 @@
 
   // --- drawing ----------------------------------------------------------------------------------
 
+  // How much of a control step has been shown since a moment (ms).
+  const partSince = (moment, now) => Math.min((now - moment) / (1000 * live.step / (live.pacing || 1)), 1);
+
   // Where a chain is between the last two states; it runs one control step behind the server.
   function show(chain, now) {
-    const part = Math.min((now - chain.at) / (1000 * live.step / (live.pacing || 1)), 1);
+    const part = partSince(chain.at, now);
     chain.shown = chain.units.map(([x, y, angle, thrust, works], i) => {
       const from = chain.from?.[i];
       return {
@@ -238,6 +246,7 @@
     if (!live.following || live.sketch || live.held) return;
     const points = live.chains.flatMap((chain) => [
       ...chain.units, ...live.targetOf(chain), Tools.knob(live, chain)]);
+    points.push(...Surroundings.corners({ ...live.around, target: points, centroid: [] }));
     const { camera } = live, [left, top, width, height] = camera.box;
     const above = 14 + get("shapes").offsetHeight, below = 40 + (get("arrived").offsetHeight || 30); // pixels
     camera.box = [left, top, width, Math.max(height - above - below, 100)];
@@ -293,20 +302,10 @@
     Salp.trace(ctx, live.camera, points);
     Salp.stroke(ctx, live.sketch.arrow ? look.ink : look.faint, live.sketch.arrow ? 3 : 1.5);
     if (!live.sketch.arrow) {
-      Salp.trace(ctx, live.camera, asLongAs(points, Salp.LINK * ((live.chosen()?.units.length ?? 1) - 1)));
+      Salp.trace(ctx, live.camera, Tools.asLongAs(points, Salp.sizes.link * ((live.chosen()?.units.length ?? 1) - 1)));
       Salp.stroke(ctx, look.ink, 4);
     }
     if (live.sketch.arrow) arrowHead(points[0], points[1], look.ink);
-  }
-
-  // The first part of a line: as much of it as a chain can take.
-  function asLongAs(points, most) {
-    let way = 0;
-    const end = points.findIndex(([x, y], i) => {
-      if (i) way += Math.hypot(x - points[i - 1][0], y - points[i - 1][1]);
-      return way > most;
-    });
-    return end < 0 ? points : points.slice(0, Math.max(end, 2));
   }
 
   function arrowHead(from, to, colour) {
@@ -346,6 +345,10 @@
     if (live.chains.length) { keepInView(now - live.framed); live.frames += 1; }
     live.framed = now;
     Salp.water(ctx, live.camera, now / 1000, live.current);
+    if (live.around) {
+      Surroundings.streaks(ctx, live.around, live.time + (partSince(live.heard, now) - 1) * live.step);
+      Surroundings.draw(ctx, live.around);
+    }
     live.chains.forEach((chain) => drawChain(chain, now / 1000));
     drawRipples(now);
     drawSketch();

@@ -1,7 +1,7 @@
 // What a pointer or a key does to the world; `live` is the page's shared state (live.js).
 "use strict";
 const Tools = (() => {
-  const LINK = Salp.LINK, NEAR = 26; // pixels that a finger may miss by
+  const NEAR = 26; // pixels that a finger may miss by
   const HINTS = {
     target: "Drag the ghosts to move the target, the knob to turn it",
     draw: "Draw the shape that the chain shall take: it is as long as the thick part",
@@ -23,11 +23,21 @@ const Tools = (() => {
     return sum.map((v) => v / points.length);
   };
 
+  // The first part of a line: as much of it as a chain can take.
+  function asLongAs(points, most) {
+    let way = 0;
+    const end = points.findIndex(([x, y], i) => {
+      if (i) way += Math.hypot(x - points[i - 1][0], y - points[i - 1][1]);
+      return way > most;
+    });
+    return end < 0 ? points : points.slice(0, Math.max(end, 2));
+  }
+
   // The knob that turns a target: past its last point.
   function knob(live, chain) {
     const points = live.targetOf(chain), n = points.length;
     const [a, b] = [points[n - 2], points[n - 1]];
-    const gap = Math.max(1.6 * LINK, 34 / live.camera.scale);
+    const gap = Math.max(1.6 * Salp.sizes.link, 34 / live.camera.scale);
     const size = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
     return [b[0] + (b[0] - a[0]) / size * gap, b[1] + (b[1] - a[1]) / size * gap];
   }
@@ -184,10 +194,10 @@ const Tools = (() => {
   function shape(live, bend) {
     const chain = live.chosen();
     if (!chain) return;
-    const n = chain.units.length, points = [[0, 0]];
+    const n = chain.units.length, points = [[0, 0]], { link } = Salp.sizes;
     for (let i = 1; i < n; i++) {
       const angle = live.turnOf(chain) + bend((i - 1) / Math.max(n - 2, 1)), [x, y] = points[i - 1];
-      points.push([x + LINK * Math.cos(angle), y + LINK * Math.sin(angle)]);
+      points.push([x + link * Math.cos(angle), y + link * Math.sin(angle)]);
     }
     const [mx, my] = middle(points), [cx, cy] = middle(live.targetOf(chain));
     live.send("draw", { chain: chain.name, points: points.map(([x, y]) => [x + cx - mx, y + cy - my]) });
@@ -258,5 +268,5 @@ const Tools = (() => {
   };
   SHAPES.forEach((bend, i) => { KEYS[String(i + 1)] = (live) => shape(live, bend); });
 
-  return { GRABS, HINTS, KEYS, join, knob, middle, retarget };
+  return { GRABS, HINTS, KEYS, asLongAs, join, knob, middle, retarget };
 })();

@@ -1,0 +1,176 @@
+"""What is around the chains of the live page: a world drawn at each reset, and room in it."""
+
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from salpchain.evaluation.surroundings import Surroundings
+from salpchain.evaluation.survey import surroundings
+from salpchain.physics.state import Chain, at_rest
+from salpchain.report.replay import packed_surroundings
+from salpchain.tasks.config import FIXED_LIMIT, STEPS_PER_UNIT
+from salpchain.web.swimmer import ANGLE, LINK, NEVER, Points, Swimmer
+from salpchain.world.config import WorldConfig
+from salpchain.world.current import Sum, Uniform
+from salpchain.world.randomise import draw_world, with_obstacles
+from salpchain.world.world import World
+
+MOST_UNITS = 128  # of all chains together (chosen)
+SURVEY = 10  # control steps between two looks at the water (chosen)
+ROOM = 0.04  # m, from a surface to the centre of a unit that is put there (chosen)
+GRAIN = 0.01  # m, between the points of a way that is looked at (chosen)
+
+
+class Tank:
+    """The world of one reset: as the compiled step takes it, and as pages and edits see it."""
+
+    def __init__(self, config: WorldConfig, seed: int) -> None:
+        """Still water without obstacles, until it is filled."""
+        self.config, self.world, self.around = config, World(), Surroundings()
+        self._key = jr.key(seed)
+        self.seed = np.zeros(2, np.uint32)  # of what changes in each control step
+        self._surveyed = 0
+        self._told = self.around, packed_surroundings(self.around, 0)
+
+    def fill(self, one: Swimmer) -> Swimmer:
+        """Draws a world with obstacles clear of a chain and its target; the chain with the
+        thrusters that it has there."""
+        if self.config.is_still:
+            return one
+        self._key, key, change_key = jr.split(self._key, 3)
+        self.seed = np.asarray(jr.key_data(change_key))
+        world = _drawn(self.config, key, *map(jnp.asarray, _padded(one)))
+        made, n = world.thrusters, one.length
+        if made is not None:
+            gain = np.ones(n) if made.gain is None else np.asarray(made.gain[:n], float)
+            never = np.full(n, NEVER)
+            fails_at = never if made.fails_at is None else np.asarray(made.fails_at[:n])
+            one = replace(
+                one, gain=np.where(gain > 0, gain, 1.0), works=gain > 0, fails_at=fails_at
+            )
+            world = replace(world, thrusters=replace(made, gain=None, fails_at=None))
+        self.world = world
+        return one
+
+    def survey(self, swimmers: list[Swimmer], current: np.ndarray, time: int | None = None) -> None:
+        """Looks at the walls, and at the water around chains in a current (m/s) besides the drawn.
+
+        If told the time (control steps), it looks once a second alone.
+        """
+        if time is not None and 0 <= time - self._surveyed < SURVEY:
+            return
+        self._surveyed = time or 0
+        if self.world.current is None:
+            water = np.asarray(current, np.float32).reshape(1, 1, 1, 2)
+            still = replace(self.world, current=None)
+            around = replace(surroundings(still, np.zeros((1, 2)), None, None), water=water)
+        else:
+            points = np.concatenate([p for one in swimmers for p in (one.units[:, :2], one.target)])
+            flow = self.flow(jnp.asarray(current, jnp.float32))
+            arrays = jax.tree.map(lambda x: x[None], eqx.filter(flow, eqx.is_array))
+            moving = replace(self.world, current=flow)
+            around = surroundings(moving, points, None, arrays)
+        if not _same(around, self.around):
+            self.around = around
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What is around, as pages are told it; packed once as long as it is the same."""
+        if self._told[0] is not self.around:
+            self._told = self.around, packed_surroundings(self.around, 0)
+        return self._told[1]
+
+    def flow_on(self, arrays: Any) -> None:
+        """Takes the drawn current as it is after a step: its arrays."""
+        if self.world.current is not None:
+            arrays = jax.tree.map(jnp.asarray, arrays)
+            self.world = replace(self.world, current=eqx.combine(arrays, self.world.current))
+
+    def flow(self, current: Float[Array, "2"]) -> Uniform | Sum:
+        """The water's motion: the current (m/s) that a person set, and the drawn one."""
+        own = Uniform(current)
+        return own if self.world.current is None else Sum((own, self.world.current))
+
+    @property
+    def has_obstacles(self) -> bool:
+        """Whether anything stands in the water."""
+        return bool(len(self.around.walls) + len(self.around.posts))
+
+    def gap(self, points: Points) -> Float[np.ndarray, " point"]:
+        """How far points are from the nearest surface (m): below zero inside, infinite if none."""
+        nearest = np.full(len(points), np.inf)
+        for ax, ay, bx, by, width in self.around.walls.astype(float):
+            middle, half = np.array([ax + bx, ay + by]) / 2, np.array([bx - ax, by - ay]) / 2
+            size = np.hypot(*half)
+            along = half / size
+            away = points - middle
+            local = np.stack([away @ along, away @ np.array([-along[1], along[0]])], axis=1)
+            beyond = np.abs(local) - [size, width / 2]
+            outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+            nearest = np.minimum(nearest, outside + np.minimum(beyond.max(axis=1), 0))
+        for x, y, radius in self.around.posts.astype(float):
+            nearest = np.minimum(nearest, np.hypot(*(points - [x, y]).T) - radius)
+        return nearest
+
+    def lets(self, begin: Points, end: Points) -> bool:
+        """Whether units can go straight from these points to those, and stand there.
+
+        A unit that lies at a surface may stay as near to it as it is.
+        """
+        if not self.has_obstacles:
+            return True
+        if (self.gap(end) < np.minimum(ROOM, self.gap(begin) - 1e-6)).any():
+            return False
+        return self.is_open(begin, end)
+
+    def is_open(self, begin: Points, end: Points) -> bool:
+        """Whether no surface lies across the straight ways between these points."""
+        count = 2 + int(np.linalg.norm(end - begin, axis=1).max(initial=0.0) / GRAIN)
+        ways = begin + np.linspace(0, 1, count)[:, None, None] * (end - begin)
+        return bool((self.gap(ways.reshape(-1, 2)) > 0).all())
+
+    def suits(self, target: Points, units: Points) -> bool:
+        """Whether a target is clear of all surfaces, with none straight between it and a chain."""
+        if not self.has_obstacles:
+            return True
+        begin, end = units.mean(axis=0, keepdims=True), target.mean(axis=0, keepdims=True)
+        return bool((self.gap(target) > LINK).all()) and self.is_open(begin, end)
+
+
+def _same(one: Surroundings, other: Surroundings) -> bool:
+    mine, others = one.named(), other.named()
+    return all(np.array_equal(mine[name], others[name]) for name in mine)
+
+
+def _padded(one: Swimmer) -> tuple[Points, Float[np.ndarray, " slot"], Points, int]:
+    """Positions, angles and target of a chain in as many slots as there may be, and its length."""
+    more = MOST_UNITS - one.length
+    position, target = (
+        np.pad(each, ((0, more), (0, 0))).astype(np.float32)
+        for each in (one.units[:, :2], one.target)
+    )
+    return position, np.pad(one.units[:, ANGLE], (0, more)).astype(np.float32), target, one.length
+
+
+@eqx.filter_jit
+def _drawn(
+    config: WorldConfig,
+    key: PRNGKeyArray,
+    position: Array,
+    angle: Array,
+    target: Array,
+    length: Array,
+) -> World:
+    """A world for a chain of so many units in the first slots."""
+    present = jnp.arange(MOST_UNITS) < length
+    chain: Chain = at_rest(position, angle, present)
+    steps = jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)
+    world_key, obstacle_key = jr.split(key)
+    world = draw_world(config, world_key, MOST_UNITS, length, steps)
+    return with_obstacles(world, obstacle_key, chain, target)
