@@ -34,6 +34,7 @@ from salpchain.tasks.config import (
     STEPS_PER_UNIT,
     TaskConfig,
 )
+from salpchain.tasks.contract import checked_judgement, checked_move, checked_start
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.reward import distances
@@ -152,7 +153,8 @@ class Task(eqx.Module):
         check_number(length, slots)
         draw_key, next_key = jr.split(key)
         world = self._draw_world(key, length)
-        chain, target, plan = self.begin(key, draw_key, length, world.dynamics)
+        begun = self.begin(key, draw_key, length, world.dynamics)
+        chain, target, plan = checked_start(self, begun)
         return self._start(chain, target, next_key, world, plan)
 
     def _draw_world(self, key: PRNGKeyArray, length: int | Array) -> World:
@@ -224,9 +226,10 @@ class Task(eqx.Module):
         action, senses = _given(world, senses, action, moving, state.time)
         chain, thrust, fence = self._swim(world, state, action, moving)
         force = thrust[:, None] * heading(state.chain.units.angle)
-        target, plan = self.move(state)
+        target, plan = checked_move(self, self.move(state), state)
         now = distances(chain, target)
-        terms, ended = self.judge(state, Moment(chain, target, now, ~invalid))
+        judged = self.judge(state, Moment(chain, target, now, ~invalid))
+        terms, ended = checked_judgement(self, judged)
         world, senses = _later(world, senses, chain, state.key, time)
         return replace(
             state,
