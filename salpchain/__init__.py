@@ -14,14 +14,33 @@ _PUBLIC = {
     "Bodies": "salpchain.physics.state",
     "Chain": "salpchain.physics.state",
     "Physics": "salpchain.physics.state",
+    "World": "salpchain.world.world",
+    "WorldConfig": "salpchain.world.config",
+    "DynamicsConfig": "salpchain.world.config",
+    "CurrentConfig": "salpchain.world.config",
+    "ThrusterConfig": "salpchain.world.config",
+    "SensingConfig": "salpchain.world.config",
+    "ObstacleConfig": "salpchain.world.config",
+    "Range": "salpchain.ranges",
+    "Task": "salpchain.tasks.task",
     "SCLD": "salpchain.tasks.reach.task",
-    "State": "salpchain.tasks.state",
+    "make_task": "salpchain.tasks.registry",
+    "renew_done": "salpchain.tasks.renew",
     "TaskConfig": "salpchain.tasks.config",
+    "FollowConfig": "salpchain.tasks.follow.config",
+    "State": "salpchain.tasks.state",
+    "Start": "salpchain.tasks.state",
+    "Judgement": "salpchain.tasks.state",
+    "OBSERVATIONS": "salpchain.tasks.features",
+    "Feature": "salpchain.tasks.features",
+    "scalar_feature": "salpchain.tasks.features",
+    "vector_feature": "salpchain.tasks.features",
     "Greedy": "salpchain.controllers.greedy",
     "Approach": "salpchain.controllers.approach",
     "MPC": "salpchain.controllers.mpc",
     "Controller": "salpchain.controllers.policy",
     "Policy": "salpchain.controllers.policy",
+    "PolicyCard": "salpchain.controllers.policy",
     "load": "salpchain.controllers.named",
     "steering": "salpchain.controllers.steering",
     "identity": "salpchain.controllers.identity",
@@ -54,6 +73,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.controllers.named import load as load
     from salpchain.controllers.policy import Controller as Controller
     from salpchain.controllers.policy import Policy as Policy
+    from salpchain.controllers.policy import PolicyCard as PolicyCard
     from salpchain.controllers.steering import steering as steering
     from salpchain.controllers.storage import save_policy as save_policy
     from salpchain.errors import InputError as InputError
@@ -64,9 +84,20 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.physics.state import Bodies as Bodies
     from salpchain.physics.state import Chain as Chain
     from salpchain.physics.state import Physics as Physics
+    from salpchain.ranges import Range as Range
     from salpchain.tasks.config import TaskConfig as TaskConfig
+    from salpchain.tasks.features import OBSERVATIONS as OBSERVATIONS
+    from salpchain.tasks.features import Feature as Feature
+    from salpchain.tasks.features import scalar_feature as scalar_feature
+    from salpchain.tasks.features import vector_feature as vector_feature
+    from salpchain.tasks.follow.config import FollowConfig as FollowConfig
     from salpchain.tasks.reach.task import SCLD as SCLD
+    from salpchain.tasks.registry import make_task as make_task
+    from salpchain.tasks.renew import renew_done as renew_done
+    from salpchain.tasks.state import Judgement as Judgement
+    from salpchain.tasks.state import Start as Start
     from salpchain.tasks.state import State as State
+    from salpchain.tasks.task import Task as Task
     from salpchain.training.config import Mix as Mix
     from salpchain.training.config import PPOConfig as PPOConfig
     from salpchain.training.config import TrainConfig as TrainConfig
@@ -76,6 +107,13 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.training.settings import preset as preset
     from salpchain.training.trainer import resume as resume
     from salpchain.training.trainer import train as train
+    from salpchain.world.config import CurrentConfig as CurrentConfig
+    from salpchain.world.config import DynamicsConfig as DynamicsConfig
+    from salpchain.world.config import ObstacleConfig as ObstacleConfig
+    from salpchain.world.config import SensingConfig as SensingConfig
+    from salpchain.world.config import ThrusterConfig as ThrusterConfig
+    from salpchain.world.config import WorldConfig as WorldConfig
+    from salpchain.world.world import World as World
 else:
 
     def __getattr__(name: str) -> object:

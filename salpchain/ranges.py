@@ -4,6 +4,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from salpchain.errors import InputError
+from salpchain.given import told
 
 
 class Range(NamedTuple):
@@ -32,9 +33,11 @@ def as_range(value: object) -> Range:
     except (TypeError, ValueError):
         ends = []
     if not 1 <= len(ends) <= 2 or not all(map(isfinite, ends)):
-        raise InputError(f"must be a finite number or a range such as 0:0.08, got {value!r}")
+        raise InputError(f"must be a finite number or a range such as 0:0.08, got {told(value)}")
     if ends[0] > ends[-1]:
-        raise InputError(f"must have the lower end first, {ends[1]:g}:{ends[0]:g}, got {value!r}")
+        raise InputError(
+            f"must have the lower end first, {ends[1]:g}:{ends[0]:g}, got {told(value)}"
+        )
     return Range(ends[0], ends[-1])
 
 

@@ -35,6 +35,38 @@ reveal_type(salpchain.MPC.guided(policy))
 steer = salpchain.steering(policy, length=8)
 reveal_type(steer)
 
+
+class Hover(salpchain.Task):
+    """A task of one's own."""
+
+    def begin(
+        self, key: jax.Array, draw_key: jax.Array, length: int | jax.Array,
+        physics: salpchain.Physics,
+    ) -> salpchain.Start:  # fmt: skip
+        chain = self.spawn(draw_key, length, physics)
+        return salpchain.Start(chain, chain.units.position)
+
+
+speed = salpchain.scalar_feature("speed", "m/s", lambda view: view.root(view.velocity[0] ** 2))
+seen: tuple[salpchain.Feature, ...] = (
+    *salpchain.OBSERVATIONS["proximity"],
+    salpchain.vector_feature("velocity", "m/s", lambda view: view.velocity),
+    speed,
+)
+rough = salpchain.WorldConfig(
+    dynamics=salpchain.DynamicsConfig(mass=salpchain.Range(0.8, 1.2)),
+    current=salpchain.CurrentConfig(speed=salpchain.Range(0.0, 0.05)),
+    thrusters=salpchain.ThrusterConfig(one_sided=True),
+    sensing=salpchain.SensingConfig(),
+    obstacles=salpchain.ObstacleConfig(),
+)
+reveal_type(Hover(world=rough).world)
+reveal_type(salpchain.make_task(salpchain.FollowConfig(speed=0.1), salpchain.World()))
+reveal_type(salpchain.renew_done(env, jax.vmap(env.reset)(jax.random.split(jax.random.key(0)))))
+reveal_type(salpchain.PolicyCard(name="mine"))
+reveal_type(salpchain.Judgement(state.terms, state.terminated))
+reveal_type(bodies.heading)
+
 config = salpchain.TrainConfig(
     control=salpchain.ControlConfig(model="gt"),
     ppo=salpchain.PPOConfig(learning_rate=1e-3),

@@ -19,6 +19,8 @@ LONGEST = 300  # characters of a message that is still read; a list of settings 
 # Records that the package fills, a protocol, an exception, a function without arguments
 UNASKED = {"Bodies", "Chain", "State", "Policy", "Controller", "Learner", "InputError"}
 UNASKED |= {"use_cache"}
+# Records that a task or a world checks when it is given them, a table
+UNASKED |= {"Start", "Judgement", "Range", "OBSERVATIONS"}
 
 
 def run(words, **variables):

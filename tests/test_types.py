@@ -11,8 +11,12 @@ import salpchain
 
 ROOT = Path(__file__).parent.parent
 PROGRAM = ROOT / "tests" / "every_name.py"
-# Summaries are JSON, as in their files; NumPy's arrays leave their shape open.
-KNOWN = re.compile(r"dict\[str, Any\]|ndarray\[tuple\[Any, \.\.\.\], dtype\[Any\]\]")
+# Summaries are JSON, as in their files; NumPy's arrays leave their shape open; the rows of a
+# feature are arrays of JAX or tensors of PyTorch.
+KNOWN = re.compile(
+    r"dict\[str, Any\]|ndarray\[tuple\[Any, \.\.\.\], dtype\[Any\]\]"
+    r"|\(View\) -> (Any|tuple\[Any, Any\])"
+)
 
 
 def checked(folder, program):

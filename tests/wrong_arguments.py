@@ -31,7 +31,6 @@ from salpchain.report import figures, picture, replay, video
 from salpchain.report.picture import chains_picture
 from salpchain.report.replay import write_replay
 from salpchain.report.video import Film, write_video
-from salpchain.tasks.renew import renew_done
 from salpchain.training import run_folder
 
 
@@ -97,6 +96,8 @@ STARTS = {"lengths": [3], "time_limit": "fixed", "seed": 0}
 FLAGS = {"out": None, "baseline": True, "progress": None, "overwrite": False}
 
 PLACE = {"task": "reach", "world": "still"}
+ROUGH = salpchain.preset(world="rough").world
+PARTS = ("dynamics", "current", "thrusters", "sensing", "obstacles")
 
 # Each function with arguments that are right
 GOOD = {
@@ -120,6 +121,17 @@ GOOD = {
     "identity": (salpchain.identity, {"controller": salpchain.Greedy()}),
     "save_policy": (salpchain.save_policy, {"policy": POLICY, "path": "p", "half": False}),
     "SCLD": (salpchain.SCLD, {"config": ENV.config, "world": ENV.world}),
+    "Task": (salpchain.Task, {"config": ENV.config, "world": "still"}),
+    "make_task": (salpchain.make_task, {"config": salpchain.FollowConfig(), "world": None}),
+    "Feature": (salpchain.Feature, dict(vars(salpchain.OBSERVATIONS["around"][-1]))),
+    "scalar_feature": (
+        salpchain.scalar_feature,
+        {"name": "x", "unit": "m", "row": len, "frame": "none", "senses": ""},
+    ),
+    "vector_feature": (
+        salpchain.vector_feature,
+        {"name": "x", "unit": "m", "rows": len, "frame": "world", "senses": "water"},
+    ),
     "env.reset": (traced(ENV.reset), {"key": KEY, "length": 3}),
     "env.start": (
         traced(ENV.start),
@@ -132,7 +144,7 @@ GOOD = {
     ),
     "env.thrust": (traced(ENV.thrust), {"chain": STATE.chain, "action": np.zeros((3, 1))}),
     "env.step_limit": (ENV.step_limit, {"length": 3}),
-    "renew_done": (traced(renew_done), {"env": ENV, "states": BATCH}),
+    "renew_done": (traced(salpchain.renew_done), {"env": ENV, "states": BATCH}),
     "policy.act": (traced(POLICY.act), {"state": STATE, "graph": None}),
     "card.task": (POLICY.card.task, {"length": 3, "time_limit": "fixed", "contact": True}),
     "card.check_serves": (POLICY.card.check_serves, {"length": 3}),
@@ -158,6 +170,7 @@ GOOD = {
         type(own).__name__: (type(own), dict(vars(own)))
         for own in (
             *(CONFIG, CONFIG.task, CONFIG.control, CONFIG.ppo, salpchain.Mix((3, 4), (1.0, 1.0))),
+            *(salpchain.FollowConfig(), ENV.world, ROUGH, *(vars(ROUGH)[part] for part in PARTS)),
             *(ENV.physics, MPC, Film(), salpchain.Greedy(), salpchain.Approach(), POLICY.card),
         )
     },
@@ -223,7 +236,7 @@ POLICY.card.task(3, observation="body")
 POLICY.card.task(3, observation=POLICY.card.observation)
 salpchain.Trajectory(**swim()).save("missing/swim.npz")
 salpchain.Trajectory(**swim()).save(".")
-traced(renew_done)(env=ENV, states=STATE)
+traced(salpchain.renew_done)(env=ENV, states=STATE)
 traced(ENV.step)(state=OTHER, action=np.zeros((3, 1)))
 traced(ENV.step)(state=STATE, action=[[0.5], [0], [-0.5]])
 traced(ENV.step)(state=STATE, action=[[0.5], [0, 1], [-0.5]])

@@ -23,6 +23,11 @@ class Bodies(eqx.Module):
     velocity: Float[Array, "body 2"]  # m/s, world
     angular_velocity: Float[Array, " body"]  # rad/s
 
+    @property
+    def heading(self) -> Float[Array, "body 2"]:
+        """Unit vectors along which units push, 90 degrees anticlockwise from their axes."""
+        return heading(self.angle)
+
 
 class Chain(eqx.Module):
     """n units, the n-1 links between them, and the masks that say which of them exist.

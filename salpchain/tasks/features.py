@@ -9,13 +9,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from salpchain.checks import one_of
 from salpchain.errors import InputError
-from salpchain.given import told
+from salpchain.given import instance, told
 from salpchain.plugins import check_known, find
 
 CONTROL_STEP = 0.1  # s
 UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)
 WORLD = "world"
+FRAMES = (UNIT_AXES, WORLD, "none")
 NEIGHBOUR = 0.07  # m, the scale of what is told of neighbours (fixed: policies learned with it)
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
 
@@ -104,23 +106,54 @@ class Feature:
 
     `rows` gives them of a `View`, a row each. `senses` names what must be sensed of the world for
     them (`tasks/observations.py` lists what can be): `view.sensed[name]` then holds its rows.
+
+    Raises:
+        InputError: fields, rows or senses of another kind.
     """
 
     fields: tuple[Field, ...]
     rows: Callable[[Any], Sequence[Row]]
     senses: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        _check_all("fields", self.fields, Field, "a tuple of Field")
+        _check_rows("rows", self.rows)
+        _check_all("senses", self.senses, str, "a tuple of names")
+
 
 Observation = tuple[Feature, ...]
 
 
-def vector_feature(
-    name: str, unit: str, rows: Callable[[Any], Pair], frame: str = UNIT_AXES, senses: str = ""
-) -> Feature:
-    """A feature that is a vector: `rows` gives its x and y in world axes.
+def _check_all(name: str, given: object, kind: type, right: str) -> None:
+    if not isinstance(given, tuple) or not all(isinstance(one, kind) for one in given):
+        raise InputError(f"{name} of a feature must be {right}, got {told(given)}")
 
-    It is told in each unit's own axes unless the frame is `world`.
+
+def _check_rows(name: str, given: object) -> None:
+    if not callable(given):
+        right = "a function of a view, such as lambda view: view.velocity"
+        raise InputError(f"{name} of a feature must be {right}, got {told(given)}")
+
+
+def _check_texts(name: str, unit: str, frame: str, senses: str) -> None:
+    for what, text in (("name", name), ("unit", unit), ("senses", senses)):
+        instance(f"{what} of a feature", text, str, "a text")
+    one_of("frame", frame, FRAMES)
+
+
+def vector_feature(
+    name: str, unit: str, rows: Callable[[View], Pair], frame: str = UNIT_AXES, senses: str = ""
+) -> Feature:
+    """A feature that is a vector: `rows` gives its x and y in world axes of a `View`.
+
+    It is told in each unit's own axes unless the frame is `world`. `senses` is `water` or another
+    that `Feature` takes, if it needs any.
+
+    Raises:
+        InputError: an unknown frame, or anything of another kind.
     """
+    _check_texts(name, unit, frame, senses)
+    _check_rows("rows", rows)
     first, second = ("along", "heading") if frame == UNIT_AXES else ("x", "y")
     fields = Field(f"{name} {first}", unit, frame), Field(f"{name} {second}", unit, frame)
     turned = rows if frame == WORLD else lambda view: view.own(rows(view))
@@ -128,9 +161,15 @@ def vector_feature(
 
 
 def scalar_feature(
-    name: str, unit: str, row: Callable[[Any], Row], frame: str = "none", senses: str = ""
+    name: str, unit: str, row: Callable[[View], Row], frame: str = "none", senses: str = ""
 ) -> Feature:
-    """A feature that is one number."""
+    """A feature that is one number of each unit, which `row` gives of a `View`.
+
+    Raises:
+        InputError: an unknown frame, or anything of another kind.
+    """
+    _check_texts(name, unit, frame, senses)
+    _check_rows("row", row)
     return Feature(
         (Field(name, unit, frame),), lambda view: [row(view)], (senses,) if senses else ()
     )

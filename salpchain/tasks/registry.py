@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from salpchain.checks import KINDS
 from salpchain.errors import InputError
-from salpchain.given import told
+from salpchain.given import instance, told
 from salpchain.plugins import check_known, find, path_of
 
 if TYPE_CHECKING:
     from salpchain.tasks.config import TaskConfig
     from salpchain.tasks.task import Task
+    from salpchain.world.randomise import WorldLike
 
 
 class Spec(NamedTuple):
@@ -84,8 +85,15 @@ def configured(config: "TaskConfig", name: str) -> "TaskConfig":
     return kind(**{**kept, "name": name})
 
 
-def make_task(config: "TaskConfig", world: Any = None) -> "Task":
-    """The task that these settings name, in a world (see `Task`)."""
+def make_task(config: "TaskConfig", world: "WorldLike" = None) -> "Task":
+    """The task that these settings name, in a world (see `Task`).
+
+    Raises:
+        InputError: no settings, no such task, or another kind of world.
+    """
+    from salpchain.tasks.config import TaskConfig
+
+    instance("config", config, TaskConfig, "a TaskConfig, such as card.task(length)")
     return task_class(config.name)(config, world)
 
 

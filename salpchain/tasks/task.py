@@ -38,6 +38,7 @@ from salpchain.tasks.contract import checked_judgement, checked_move, checked_st
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.reward import distances
+from salpchain.tasks.reach.targets import draw, spawn
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
 from salpchain.world.randomise import as_world, draw_world, with_obstacles
 from salpchain.world.sensing import Senses, silenced
@@ -79,6 +80,10 @@ class Task(eqx.Module):
         `draw_key` is for the start itself, `key` for variants that leave its numbers as they are.
         """
         raise NotImplementedError
+
+    def spawn(self, draw_key: PRNGKeyArray, length: int | Array, physics: Physics) -> Chain:
+        """A straight chain at rest near the origin, in a random direction, as in the paper."""
+        return spawn(draw(draw_key), self.config.length, length, physics)
 
     def move(self, state: State) -> tuple[Float[Array, "unit 2"], Any]:
         """The target (m) after the next control step, and what the task remembers then."""

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from salpchain.errors import InputError
+from salpchain.given import instance, told
 from salpchain.ranges import Range, as_range
 
 NONE, ONE, FIVE, TEN = (Range(x, x) for x in (0.0, 1.0, 5.0, 10.0))
@@ -84,7 +85,7 @@ class ThrusterConfig:
         _check(self, "lag", 0.0, 10.0)
         if not isinstance(self.one_sided, bool):
             raise InputError(
-                f"world.thrusters.one_sided must be true or false, got {self.one_sided!r}"
+                f"world.thrusters.one_sided must be true or false, got {told(self.one_sided)}"
             )
 
 
@@ -155,7 +156,7 @@ class WorldConfig:
     """A distribution over worlds, one of which is drawn for each episode.
 
     Raises:
-        InputError: a number that is no range, or out of bounds.
+        InputError: a part of another kind, a number that is no range, or out of bounds.
     """
 
     name: str = "still"  # of the preset that it comes from
@@ -164,6 +165,12 @@ class WorldConfig:
     thrusters: ThrusterConfig = field(default_factory=ThrusterConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+
+    def __post_init__(self) -> None:
+        instance("world.name", self.name, str, "a text")
+        for part in fields(self)[1:]:
+            kind: Any = part.default_factory
+            instance(kind.ROOM, getattr(self, part.name), kind, f"a {kind.__name__}")
 
     @property
     def is_still(self) -> bool:

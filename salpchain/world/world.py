@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from salpchain.given import instance
 from salpchain.physics.chain import step
 from salpchain.physics.obstacles import Obstacles
 from salpchain.physics.state import Chain, Physics
@@ -19,6 +20,9 @@ class World(eqx.Module):
 
     Arrays among the fields belong to one episode, and travel in its state; all else is the same
     for all episodes and fixed when a program is compiled.
+
+    Raises:
+        InputError: a part of another kind.
     """
 
     dynamics: Physics = eqx.field(default_factory=Physics)
@@ -27,6 +31,13 @@ class World(eqx.Module):
     obstacles: Obstacles | None = None
     sensing: Sensing | None = None
     drawn_from: WorldConfig | None = eqx.field(default=None, static=True)  # for each episode
+
+    def __check_init__(self) -> None:
+        instance("World.dynamics", self.dynamics, Physics, "a Physics")
+        for name, kind in _PARTS.items():
+            part = getattr(self, name)
+            if part is not None:
+                instance(f"World.{name}", part, kind, f"a {kind.__name__}, or None")
 
     def thrust(
         self, asked: Float[Array, " unit"], before: Float[Array, " unit"], time: Int[Array, ""]
@@ -54,6 +65,15 @@ class World(eqx.Module):
             return self
         current = self.current.advance(key, self.dynamics.control_step)
         return eqx.tree_at(lambda w: w.current, self, current)
+
+
+_PARTS = {
+    "current": Current,
+    "thrusters": Thrusters,
+    "obstacles": Obstacles,
+    "sensing": Sensing,
+    "drawn_from": WorldConfig,
+}
 
 
 def of_episode(world: World) -> World:
