@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,17 @@ from salpchain.report.style import GREY, legend_below, looks, percent_axes
 MEASURES = ("closed_fraction", "success")
 LIMIT_NAMES = {"fixed": "512 steps", "scaled": "scaled time"}
 LIMIT_COLOUR, BEYOND, BAND = "#222222", "#e4e4e4", "#eef4f9"
+DASHES = ("-", "--", ":", "-.")
+USUAL = ("world still", "task reach")
 CLOSE = (0.9, 1.0)  # what the upper panels show
 TICKS = 17  # numbers of units that fit below a panel (chosen)
 BAR = 0.16  # width of a bar, where one length was tested and is one unit wide (chosen)
+
+
+def _setting(summary: dict[str, Any]) -> tuple[str, str, str]:
+    """The time limit, the world and the task in words; older files know one world and task."""
+    world, task = summary.get("world", "still"), summary.get("task", "reach")
+    return LIMIT_NAMES[summary["time_limit"]], f"world {world}", f"task {task}"
 
 
 @dataclass(frozen=True)
@@ -56,31 +65,39 @@ class Contents:
         return len(self.lengths) == 1
 
     @cached_property
-    def one_for_each_limit(self) -> list[dict[str, Any]]:
-        """For each time limit the evaluation of most lengths."""
+    def one_for_each_setting(self) -> list[dict[str, Any]]:
+        """For each time limit, world and task the evaluation of most lengths."""
         ordered = sorted(self.summaries, key=lambda s: len(s["lengths"]))
-        return list({s["time_limit"]: s for s in ordered}.values())
+        return list({_setting(s): s for s in ordered}.values())
 
-    def limit_name(self, summary: dict[str, Any]) -> str:
-        """The time limit, where there are several."""
-        several = len({s["time_limit"] for s in self.summaries}) > 1
-        return f", {LIMIT_NAMES[summary['time_limit']]}" if several else ""
+    def setting_name(self, summary: dict[str, Any]) -> str:
+        """The time limit, the world and the task, each where there are several."""
+        settings = zip(*map(_setting, self.summaries), strict=True)
+        parts = zip(_setting(summary), settings, strict=True)
+        return "".join(f", {part}" for part, all_of_it in parts if len(set(all_of_it)) > 1)
+
+    @property
+    def place(self) -> str:
+        """The world and the task of all, where they are others than the paper's."""
+        _, worlds, tasks = map(set, zip(*map(_setting, self.summaries), strict=True))
+        alike = [next(iter(kind)) for kind in (tasks, worlds) if len(kind) == 1]
+        return ", ".join(part for part in alike if part not in USUAL)
 
     @cached_property
     def series(self) -> list[Series]:
         """The policies, then the greedy baseline once for each time limit."""
         known: list[tuple[str, Any, Any]] = [
-            (name + self.limit_name(summary), look, summary["lengths"])
+            (name + self.setting_name(summary), look, summary["lengths"])
             for look, name, summary in zip(looks(), self.names, self.summaries, strict=False)
         ]
         baseline = "greedy (baseline)" if "greedy" in self.names else "greedy"
         known += [
             (
-                f"{baseline}{self.limit_name(summary)}",
+                f"{baseline}{self.setting_name(summary)}",
                 (GREY, "p", dashes),
                 summary["baseline"]["lengths"],
             )
-            for dashes, summary in zip(("-", "--"), self.one_for_each_limit, strict=False)
+            for dashes, summary in zip(cycle(DASHES), self.one_for_each_setting, strict=False)
             if summary.get("baseline")
         ]
         span = max(self.lengths) - min(self.lengths)
@@ -141,6 +158,8 @@ def transfer_figure(summaries: Sequence[dict[str, Any]], names: Sequence[str]) -
             grid[-1, column].axhspan(*CLOSE, color=BAND, zorder=-1)
     percent_axes(grid[-1], "")
     figure.supylabel("mean over trials, 95 % interval", fontsize=11)
+    if contents.place:
+        figure.suptitle(contents.place, fontsize=11)
     legend_below(figure, grid.ravel())
     return figure
 
@@ -161,8 +180,8 @@ def _draw(panel: Axes, contents: Contents, measure: str, bars: bool) -> None:
                 label=f"trained on {known} units",
             )  # fmt: skip
     if measure == "closed_fraction":
-        for dashes, summary in zip(("-", "--"), contents.one_for_each_limit, strict=False):
-            name = f"physical limit{contents.limit_name(summary)}"
+        for dashes, summary in zip(cycle(DASHES), contents.one_for_each_setting, strict=False):
+            name = f"physical limit{contents.setting_name(summary)}"
             _draw_limit(panel, contents, summary["lengths"], dashes, name)
 
 
@@ -209,9 +228,11 @@ def _draw_limit(
     """What no controller can pass, above all series; across the panel for one length."""
     lengths = np.array([entry["length"] for entry in entries], float)
     limit = np.array([entry["reachable"]["mean"] for entry in entries], float)
+    if np.isnan(limit).all():  # a target that moves: what is possible is not known
+        return
     if contents.single:
         lengths, limit = lengths[0] + np.array([-9.0, 9.0]), np.repeat(limit, 2)
-    if len(contents.one_for_each_limit) == 1:
+    if len(contents.one_for_each_setting) == 1:
         panel.fill_between(lengths, limit, 1.2, color=BEYOND, linewidth=0, zorder=0)
     panel.plot(
         lengths, limit, color=LIMIT_COLOUR, linewidth=1.3, linestyle=dashes, label=name, zorder=5

@@ -172,3 +172,27 @@ def test_a_training_length_outside_the_figure_is_not_in_the_legend(tmp_path, len
     figure = drawn(tmp_path, lengths)
     told = [text.get_text() for text in figure.legends[0].get_texts()]
     assert ("trained on 8 units" in told) == named
+
+
+def test_the_world_and_the_task_are_named_where_they_differ_or_are_unusual(tmp_path):
+    def words(*settings):
+        path = make_evaluation(tmp_path / "x.json", "swimmer", lengths=(4, 8))
+        summaries = [{**json.loads(path.read_text()), **each} for each in settings]
+        figure = transfer_figure(summaries, ["swimmer"] * len(summaries))
+        title = figure.get_suptitle()
+        return title, [text.get_text() for text in figure.legends[0].get_texts()]
+
+    title, lines = words({})
+    assert title == "" and "swimmer" in lines
+    title, lines = words({"world": "rough", "task": "follow"})
+    assert title == "task follow, world rough" and "swimmer" in lines
+    title, lines = words({"world": "rough"}, {"world": "still"})
+    assert title == ""
+    assert {"swimmer, world rough", "swimmer, world still"} < set(lines)
+    assert {"physical limit, world rough", "physical limit, world still"} < set(lines)
+
+
+def test_where_the_target_moves_no_limit_is_drawn(tmp_path):
+    unknown = {"mean": None, "low": None, "high": None}
+    figure = drawn(tmp_path, (4, 8), reachable=unknown)
+    assert not any("limit" in text.get_text() for text in figure.legends[0].get_texts())
