@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), ROOT / "studies" / "README.md"]
+OTHERS = [ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *OTHERS]
 LANGUAGES = {"python", "sh", "toml", "text", "nginx"}  # text and nginx are shown, not run
 OPERATORS = {"&&", "||", "|", ";", "&", "(", ")"}
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -206,6 +207,13 @@ def test_every_page_is_in_the_index():
              links(ROOT / "docs" / "README.md")}  # fmt: skip
     for page in [*(ROOT / "docs").glob("*.md"), *RECIPES]:
         assert page in index or page.name == "README.md", page
+
+
+def test_the_reference_of_public_names_is_what_its_script_writes():
+    script = runpy.run_path(str(ROOT / "docs" / "api.py"))
+    named = " ".join(script["SECTIONS"].values()).split()
+    assert sorted(named) == sorted(salpchain.__all__)
+    assert script["page"]() == (ROOT / "docs" / "api.md").read_text(), "run python docs/api.py"
 
 
 def test_the_readme_begins_with_a_picture_that_moves():
