@@ -230,5 +230,8 @@ def test_the_readme_names_every_extra_and_no_other():
     assert {name for row in rows for name in re.findall(r"`([^`]+)`", row)} == set(EXTRAS)
 
 
-def test_the_citation_is_of_this_version():
-    assert f"version: {salpchain.__version__}\n" in (ROOT / "CITATION.cff").read_text()
+def test_the_citation_is_of_this_version_and_of_the_paper_that_the_metadata_links():
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert f"version: {salpchain.__version__}\n" in citation
+    paper = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Paper"]
+    assert f'url: "{paper}"' in citation and paper in PAGES[0].read_text()
