@@ -112,6 +112,8 @@ def _trajectory(
         dt=float(env.physics.control_step),
         success=bool(states.goal[index]),
         target=target,
+        unit_length=float(world.dynamics.unit_length),
+        unit_width=float(world.dynamics.unit_width),
         around=surroundings(world, points, gain, current),
     )
 

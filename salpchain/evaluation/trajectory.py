@@ -17,6 +17,7 @@ from salpchain.checks import check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.files import StrPath, write_bytes
+from salpchain.physics.sizes import UNIT_LENGTH, UNIT_WIDTH
 from salpchain.tasks.config import TIME_LIMITS
 
 FORMAT = 1
@@ -60,6 +61,8 @@ class Trajectory:
     identity: str = ""  # of the controller, as `salpchain.identity`; empty in files of before
     world: str = "still"  # in which it swam
     task: str = "reach"  # what it was to do
+    unit_length: float = UNIT_LENGTH  # m, along the chain
+    unit_width: float = UNIT_WIDTH  # m, across it
     around: Surroundings = field(default_factory=Surroundings)  # what was there
 
     def __post_init__(self) -> None:
@@ -69,8 +72,9 @@ class Trajectory:
         one_of("time limit", self.time_limit, TIME_LIMITS)
         if self.trial < 0:
             raise InputError(f"trial must be 0 or more, got {self.trial}")
-        if not 0 < self.dt < 1e3:
-            raise InputError(f"dt must be positive (s), got {self.dt}")
+        for name, unit in (("dt", "s"), ("unit_length", "m"), ("unit_width", "m")):
+            if not 0 < getattr(self, name) < 1e3:
+                raise InputError(f"{name} must be positive ({unit}), got {getattr(self, name)}")
         for one in fields(self):
             if one.name not in (*_SCALARS, AROUND):
                 given.instance(one.name, getattr(self, one.name), np.ndarray, "a NumPy array")
@@ -81,6 +85,11 @@ class Trajectory:
             moves = name == "target" and self.target_moves
             _check_array(name, getattr(self, name), (times, *shape) if moves else shape)
         self.around.check(times - 1, self.length)
+
+    @property
+    def unit_size(self) -> tuple[float, float]:
+        """Of a unit, along the chain and across it (m)."""
+        return self.unit_length, self.unit_width
 
     @property
     def steps(self) -> int:
@@ -208,10 +217,17 @@ _SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "identity": ("U", str),
     "world": ("U", str),
     "task": ("U", str),
+    "unit_length": ("f", float),
+    "unit_width": ("f", float),
 }
 # What old files lack.
-_LATER = {name: np.asarray(text) for name, text in
-          (("identity", ""), ("world", "still"), ("task", "reach"))}  # fmt: skip
+_LATER = {
+    "identity": np.asarray(""),
+    "world": np.asarray("still"),
+    "task": np.asarray("reach"),
+    "unit_length": np.asarray(UNIT_LENGTH),
+    "unit_width": np.asarray(UNIT_WIDTH),
+}
 
 
 def _plain(named: dict[str, np.ndarray], name: str, path: Path) -> Any:

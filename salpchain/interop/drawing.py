@@ -48,7 +48,9 @@ class Screen:
         panel.plot(*target.T, ".-", color=FAINT, linewidth=1, markersize=5)
         panel.plot(*position.T, color=INK, linewidth=1)
         colours = np.asarray(PLACES(np.linspace(0, 1, len(position))))
-        boxes = list(unit_outlines(position, angle))
+        physics = state.world.dynamics
+        size = float(physics.unit_length), float(physics.unit_width)
+        boxes = list(unit_outlines(position, angle, size))
         panel.add_collection(PolyCollection(boxes, facecolors=colours))
         panel.text(0.02, 0.97, _words(state), color=INK, transform=panel.transAxes, va="top")
         canvas.draw()

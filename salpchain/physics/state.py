@@ -11,6 +11,7 @@ from numpy import pi
 from salpchain.errors import InputError
 from salpchain.given import index, is_scalar, told
 from salpchain.physics.joints import FORCES
+from salpchain.physics.sizes import LINK_LENGTH, UNIT_LENGTH, UNIT_WIDTH
 
 Scalar = float | Float[Array, ""]  # traced or not
 
@@ -61,10 +62,10 @@ class Physics(eqx.Module):
         InputError: an invalid constant, named with its unit.
     """
 
-    unit_length: Scalar = 0.04  # m, along the chain
-    unit_width: Scalar = 0.05  # m, across the chain
+    unit_length: Scalar = UNIT_LENGTH  # m, along the chain
+    unit_width: Scalar = UNIT_WIDTH  # m, across the chain
     unit_mass: Scalar = 1.0  # kg
-    link_length: Scalar = 0.07  # m, between the centres of two units
+    link_length: Scalar = LINK_LENGTH  # m, between the centres of two units
     link_mass: Scalar = 1.0  # kg
     joint_stiffness: Scalar = 900.0  # N/m
     angle_stiffness: Scalar = 0.1  # N m

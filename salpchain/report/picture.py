@@ -19,7 +19,14 @@ from salpchain import given
 from salpchain.evaluation.trajectory import Trajectory, as_swims
 from salpchain.files import StrPath, write_bytes
 from salpchain.report import surroundings
-from salpchain.report.shapes import REACHED, crosses, length_name, round_length, unit_outlines
+from salpchain.report.shapes import (
+    REACHED,
+    Size,
+    crosses,
+    length_name,
+    round_length,
+    unit_outlines,
+)
 
 WIDTH = 10.0  # inches, of the picture
 GAP = 0.12  # inches, between panels
@@ -139,10 +146,11 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
         way = swim.targets.mean(axis=1) @ view.turn.T
         panel.plot(*way.T, color="#7fb2d6", linewidth=1.0, alpha=0.7, zorder=1.2)
     _draw_ways(panel, turned)
+    size = swim.unit_size
     for time, strength in _moments(turned):
         dead = swim.around.dead(time, swim.length) & (strength == 1)
-        _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point)
-        _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, point)
+        _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point, size)
+        _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, point, size)
     _draw_words(panel, view, place, point)
 
 
@@ -194,14 +202,14 @@ def _draw_obstacles(panel: Axes, view: View, point: float) -> None:
 
 
 def _draw_dead(
-    panel: Axes, position: Points, angle: Float[np.ndarray, " unit"], point: float
+    panel: Axes, position: Points, angle: Float[np.ndarray, " unit"], point: float, size: Size
 ) -> None:
     """Units whose thruster is dead: grey, with a cross."""
     if not len(position):
         return
-    boxes, width = unit_outlines(position, angle), max(0.006 / point, 0.5)
+    boxes, width = unit_outlines(position, angle, size), max(0.006 / point, 0.5)
     panel.add_collection(PolyCollection(list(boxes), facecolors="#334554", alpha=0.8, zorder=4.1))
-    marks = crosses(position, angle)
+    marks = crosses(position, angle, size)
     panel.add_collection(LineCollection(list(marks), colors=INK, linewidths=width, zorder=4.2))
 
 
@@ -231,14 +239,19 @@ def _draw_ways(panel: Axes, positions: Float[np.ndarray, "time unit 2"]) -> None
 
 
 def _draw_chain(
-    panel: Axes, position: Points, angle: Float[np.ndarray, " unit"], strength: float, point: float
+    panel: Axes,
+    position: Points,
+    angle: Float[np.ndarray, " unit"],
+    strength: float,
+    point: float,
+    size: Size,
 ) -> None:
     """Units and links; in outline at strength 0, the start."""
     colours = _colours(len(position))
     link = max(0.012 / point, 0.5)
     alpha = max(strength, 0.35)
     panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
-    boxes = unit_outlines(position, angle)
+    boxes = unit_outlines(position, angle, size)
     if strength == 0:
         edge = {"facecolors": WATER, "edgecolors": FAINT, "linewidths": max(0.004 / point, 0.3)}
     elif strength < 1:

@@ -104,6 +104,7 @@ def packed(swim: Trajectory) -> dict[str, Any]:
         "dt": round(swim.dt, 9),
         "target": np.round(swim.targets[0].astype(float), 4).tolist(),
         **moving,
+        **({} if swim.unit_size == UNIT else {"unit": swim.unit_size}),
         **packed_surroundings(swim.around, swim.length),
         **scale.packed(),
         **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),

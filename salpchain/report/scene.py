@@ -13,7 +13,6 @@ from salpchain.report.canvas import Canvas, shortened, text_width
 from salpchain.report.shapes import (
     LINK_WIDTH,
     REACHED,
-    UNIT,
     crosses,
     jet_outlines,
     length_name,
@@ -213,7 +212,10 @@ class Scene:
     def _draw_ghosts(
         self, canvas: Canvas, target: np.ndarray, position: np.ndarray, angle: np.ndarray
     ) -> None:
-        outlines, target = self.at(unit_outlines(target, angle)), self.at(target)
+        outlines, target = (
+            self.at(unit_outlines(target, angle, self.swim.unit_size)),
+            self.at(target),
+        )
         pairs = np.stack([self.at(position), target], axis=1)
         canvas.lines(pairs, GHOST, max(0.7, 0.004 * self.scale), alpha=0.30)
         canvas.lines([target], GHOST, max(1.0, 0.3 * LINK_WIDTH * self.scale), alpha=0.55)
@@ -223,16 +225,20 @@ class Scene:
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, thrust: np.ndarray
     ) -> None:
         for width, alpha in ((1.5, 0.22), (0.9, 0.40), (0.45, 0.8)):
-            canvas.fill(self.at(jet_outlines(position, angle, thrust, width)), INK, alpha)
+            canvas.fill(
+                self.at(jet_outlines(position, angle, thrust, width, self.swim.unit_size)),
+                INK,
+                alpha,
+            )
 
     def _draw_chain(self, canvas: Canvas, position: np.ndarray, angle: np.ndarray) -> None:
         way, width = self.at(position), max(1.6, LINK_WIDTH * self.scale)
         canvas.lines([way], DEEP, 1.7 * width, alpha=0.55)
         canvas.lines([way], (0.82, 0.90, 0.94), width)
-        if UNIT[0] * self.scale < SPECK:
+        if self.swim.unit_size[0] * self.scale < SPECK:
             _draw_specks(canvas, way)
             return
-        outlines = self.at(unit_outlines(position, angle))
+        outlines = self.at(unit_outlines(position, angle, self.swim.unit_size))
         canvas.lines(
             np.concatenate([outlines, outlines[:, :1]], 1), DEEP, max(1.0, 0.3 * width), alpha=0.7
         )
@@ -249,8 +255,9 @@ class Scene:
         if not dead.any():
             return
         width = max(1.2, 0.006 * self.scale)
-        canvas.fill(self.at(unit_outlines(position[dead], angle[dead])), STONE, alpha=0.8)
-        canvas.lines(self.at(crosses(position[dead], angle[dead])), INK, width, alpha=0.95)
+        where = position[dead], angle[dead], self.swim.unit_size
+        canvas.fill(self.at(unit_outlines(*where)), STONE, alpha=0.8)
+        canvas.lines(self.at(crosses(*where)), INK, width, alpha=0.95)
 
     def _draw_words(self, canvas: Canvas, now: float) -> None:
         """The numbers of clock and distance; the goal in words once it is reached."""

@@ -3,10 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
+from salpchain.physics.sizes import UNIT_LENGTH, UNIT_WIDTH
+
 # Seaborn's and Matplotlib's maps end in colours lost on water: this one runs from deep sea to sun.
 PLACES = ("#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f")
-UNIT = (0.04, 0.05)  # m, along the chain and across it
-CORNER = 0.016  # m, radius of a unit's corners (chosen)
+UNIT = (UNIT_LENGTH, UNIT_WIDTH)  # m, along the chain and across it
+CORNER = 0.4  # of its shorter side, radius of a unit's corners (chosen)
 LINK_WIDTH = 0.012  # m (chosen)
 JET = 0.075  # m, length of the jet of 1 N (chosen)
 FAINTEST = 0.005  # N, a thrust below which nothing is drawn (chosen; pages tell 0.01 N apart)
@@ -16,6 +18,7 @@ REACHED = 0.0513  # m, how near each unit must be: the goal's distance
 
 Points = Float[np.ndarray, "point 2"]
 Outlines = Float[np.ndarray, "unit corner 2"]
+Size = tuple[float, float]
 
 
 def place_colours(count: int) -> Float[np.ndarray, "unit 3"]:
@@ -26,18 +29,23 @@ def place_colours(count: int) -> Float[np.ndarray, "unit 3"]:
     return np.stack(columns, axis=1)
 
 
-def unit_outlines(position: Points, angle: Float[np.ndarray, " unit"]) -> Outlines:
-    """Rounded boxes (m), each unit in its true size and turned with its angle."""
+def unit_outlines(
+    position: Points, angle: Float[np.ndarray, " unit"], unit: Size = UNIT
+) -> Outlines:
+    """Rounded boxes (m), each unit in its true size (m) and turned with its angle."""
     quarter = np.linspace(0, np.pi / 2, DETAIL)
     bow = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
     signs = np.repeat([[1, 1], [-1, 1], [-1, -1], [1, -1]], DETAIL, axis=0)
-    half = np.array(UNIT) / 2 - CORNER
-    return _placed(signs * half + CORNER * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
+    corner = CORNER * min(unit)
+    half = np.array(unit) / 2 - corner
+    return _placed(signs * half + corner * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
 
 
-def crosses(position: Points, angle: Float[np.ndarray, " unit"]) -> Float[np.ndarray, "line 2 2"]:
+def crosses(
+    position: Points, angle: Float[np.ndarray, " unit"], unit: Size = UNIT
+) -> Float[np.ndarray, "line 2 2"]:
     """Two lines (m) across each unit: the mark of a dead thruster."""
-    reach = 0.55 * (np.array(UNIT) / 2)
+    reach = 0.55 * (np.array(unit) / 2)
     arms = np.array([[[-1, -1], [1, 1]], [[-1, 1], [1, -1]]]) * reach
     return _placed(np.tile(arms.reshape(4, 2), (len(angle), 1, 1)), position, angle).reshape(
         -1, 2, 2
@@ -49,6 +57,7 @@ def jet_outlines(
     angle: Float[np.ndarray, " unit"],
     thrust: Float[np.ndarray, " unit"],
     width: float = 1.0,
+    unit: Size = UNIT,
 ) -> Outlines:
     """Drops (m) that leave each unit opposite to its push; none where the thrust is zero.
 
@@ -63,7 +72,7 @@ def jet_outlines(
         np.concatenate([right, left])[None]
         * np.stack([(0.35 + 0.65 * size) * (size > 0), JET * size * np.sign(thrust)], 1)[:, None]
     )
-    rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (UNIT[1] / 2 - 0.003))[:, None]
+    rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (unit[1] / 2 - 0.003))[:, None]
     return _placed(drop + rim[:, None], position, angle)
 
 

@@ -3,6 +3,7 @@
 import pickle
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from salpchain.interop.batch import Batch
 from salpchain.interop.benchmarl import benchmarl_task
 from salpchain.interop.brax import SalpBraxEnv
 from salpchain.interop.checks import task_of
+from salpchain.interop.drawing import Screen
 from salpchain.interop.gymnasium import SalpEnv, SalpVectorEnv
 from salpchain.interop.pettingzoo import SalpParallelEnv
 from salpchain.interop.stable_baselines3 import SalpVecEnv
@@ -21,6 +23,8 @@ from salpchain.interop.torchrl import SalpTorchEnv
 from salpchain.interop.vmas import Scenario, make_env
 from salpchain.physics.state import Physics
 from salpchain.ranges import as_range
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
 from salpchain.world.config import (
     CurrentConfig,
     DynamicsConfig,
@@ -71,6 +75,11 @@ def test_chains_in_a_world_swim_as_it_makes_them():
     assert batch.one(2).world.dynamics.unit_mass == Physics().unit_mass  # what is fixed, too
 
 
+def _picture(physics):
+    env = SCLD(TaskConfig(**TASK), physics)
+    return Screen().frame(replace(env.reset(jax.random.key(0)), world=env.world))
+
+
 def test_worlds_and_physics_of_ones_own_are_taken_and_kept_apart():
     """Programs are shared by equal worlds alone, also by those that hold arrays."""
     drifts = [World(current=Uniform((speed, 0.0))) for speed in (0.05, 0.05, 0.1)]
@@ -79,6 +88,8 @@ def test_worlds_and_physics_of_ones_own_are_taken_and_kept_apart():
     plain, same, heavy, drift, also, faster, dead, still = made
     assert plain is same is still and drift is also
     assert len({id(each) for each in (plain, heavy, drift, faster, dead)}) == 5
+    pictures = [_picture(Physics(unit_width=width)) for width in (0.05, 0.02)]
+    assert (pictures[0] != pictures[1]).any()  # of the same start, in its true size
     with pytest.raises(InputError, match=r"thrusters must be those of 2 units, got .*\(3,\)"):
         Batch(task_of(TASK), 1, world=World(thrusters=Thrusters(jnp.ones(3))))
 

@@ -10,6 +10,7 @@ from PIL import Image
 
 from salpchain.errors import InputError
 from salpchain.evaluation.surroundings import Surroundings
+from salpchain.evaluation.trajectory import Trajectory
 from salpchain.report.canvas import Canvas, text_width
 from salpchain.report.scene import INK, STONE, Box, Scene
 from salpchain.report.shapes import (
@@ -200,6 +201,23 @@ def test_units_are_drawn_in_their_true_size_and_turned_with_their_angle():
     boxes = unit_outlines(np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([0.0, np.pi / 2]))
     sizes = boxes.max(axis=1) - boxes.min(axis=1)
     np.testing.assert_allclose(sizes, [[0.04, 0.05], [0.05, 0.04]], atol=1e-9)
+
+
+def test_units_of_another_size_are_drawn_so_and_stay_so_in_a_file(tmp_path):
+    """The area of all units in a picture grows with that of one; a file of before has the usual."""
+    slim = replace(swim(4), unit_length=0.02, unit_width=0.025)
+    slim.save(tmp_path / "slim.npz")
+    slim = Trajectory.load(tmp_path / "slim.npz")
+    assert slim.unit_size == (0.02, 0.025)
+
+    def picture(one):
+        return next(frames([replace(one, thrust=0 * one.thrust)], Film(640, 360))).astype(int)
+
+    def area(one):
+        bare = picture(replace(one, unit_length=0.01, unit_width=0.01))
+        return (abs(picture(one) - bare) > 20).any(axis=-1).sum()
+
+    assert area(slim) == pytest.approx(area(swim(4)) / 4, rel=0.4)
 
 
 @pytest.mark.parametrize("bearing", [0.0, 1.0, 2.5, -2.0])

@@ -2,7 +2,7 @@
 "use strict";
 const Salp = (() => {
   const sizes = {}; // unit: along the chain and across it, link: what a page is told
-  const CORNER = 0.016, REACHED = 0.0513, JET = 0.075;
+  const CORNER = 0.4, REACHED = 0.0513, JET = 0.075;
   const FAINTEST = 0.005, SHORTEST_JET = 0.25; // N; of a whole jet (as in report/shapes.py)
   const PLACES = ["#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f"];
   const THEMES = {
@@ -138,7 +138,7 @@ const Salp = (() => {
     ctx.translate(px, py);
     ctx.rotate(-angle - camera.turn);
     ctx.beginPath();
-    ctx.roundRect(-w / 2, -h / 2, w, h, CORNER * s + grow / 2);
+    ctx.roundRect(-w / 2, -h / 2, w, h, CORNER * Math.min(...sizes.unit) * s + grow / 2);
     ctx.restore();
   }
 

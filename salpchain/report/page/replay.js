@@ -139,6 +139,7 @@
 
   function drawBodies(ctx, swim, now, units) {
     const { camera } = swim, target = swim.targetAt?.(now) ?? swim.target;
+    Salp.sizes.unit = swim.unit ?? sizes.unit;
     Salp.trail(ctx, camera, swim.centroid.slice(0, Math.floor(now) + 1));
     Salp.strings(ctx, camera, target, units);
     Salp.ghosts(ctx, camera, target, units);
