@@ -95,8 +95,10 @@ def run(options: Evaluate) -> None:
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
+    from salpchain.evaluation import too_strong
     from salpchain.evaluation.evaluate import evaluate
 
+    say(too_strong.of_water(world, lengths))
     with share_display("testing", _programs(tested, lengths)) as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
