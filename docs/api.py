@@ -48,11 +48,26 @@ def entry(name: str) -> str:
         keys = ", ".join(f"`{key}`" for key in thing)
         return f"### {name}\n\nA table by name: {keys}.\n"
     source = textwrap.dedent(inspect.getsource(inspect.unwrap(thing)))
-    node = ast.parse(source).body[0]
+    constants = vars(sys.modules[inspect.unwrap(thing).__module__])
+    node = Valued(constants).visit(ast.parse(source).body[0])
     said = prose(inspect.cleandoc(ast.get_docstring(node) or ""))
     if isinstance(node, ast.ClassDef):
         return "\n".join([f"### {name}\n", said, *fields(node, source), *methods(node)])
     return f"### {name}\n\n{code(signature(name, node))}\n{said}"
+
+
+class Valued(ast.NodeTransformer):
+    """Puts the numbers and texts of constants in the place of their names."""
+
+    def __init__(self, constants: dict[str, Any]) -> None:
+        self.constants = constants
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        """The value of a constant; any other name as it is."""
+        value = self.constants.get(node.id)
+        if node.id.isupper() and isinstance(value, int | float | str):
+            return ast.copy_location(ast.Constant(value), node)
+        return node
 
 
 def code(text: str) -> str:
