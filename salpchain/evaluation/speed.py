@@ -21,10 +21,13 @@ from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
+from salpchain.world.config import WorldConfig
+from salpchain.world.randomise import as_world
 
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
 FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)
 REPEATS = 5
+STILL = WorldConfig()
 PAIRS = 15  # of runs whose ratio is taken (chosen)
 
 
@@ -63,20 +66,35 @@ PARTS: dict[str, tuple[Advance, bool]] = {
 }
 
 
-def measure(part: str, length: int, envs: int, devices: int = 1) -> Speed:
-    """The speed of a part under random thrust, `envs` chains shared out over the devices."""
-    ready = prepare(part, length, envs, devices)
+def measure(
+    part: str, length: int, envs: int, devices: int = 1, world: WorldConfig = STILL
+) -> Speed:
+    """The speed of a part under random thrust, `envs` chains shared out over the devices.
+
+    In a world other than still water each chain has its own; the physics alone knows none.
+    """
+    ready = prepare(part, length, envs, devices, world=world)
     rate = statistics.median(ready.again() for _ in range(REPEATS))
     return Speed(part, length, ready.envs, devices, rate, ready.compile_seconds)
 
 
-def ratio(one: str, other: str, length: int, envs: int, devices: int = 1) -> float:
+def ratio(
+    one: str,
+    other: str,
+    length: int,
+    envs: int,
+    devices: int = 1,
+    worlds: tuple[WorldConfig, WorldConfig] = (STILL, STILL),
+) -> float:
     """How many times faster one part is than another: the median over runs in turn.
 
     In turn, because a machine that others share has slow spells; every run from the same straight
     chains at rest, because chains under random thrust fold in time and touch.
     """
-    parts = [prepare(part, length, envs, devices, onward=False) for part in (one, other)]
+    parts = [
+        prepare(part, length, envs, devices, onward=False, world=world)
+        for part, world in zip((one, other), worlds, strict=True)
+    ]
     pairs = [[part.again() for part in parts] for _ in range(PAIRS)]
     return statistics.median(first / second for first, second in pairs)
 
@@ -90,13 +108,20 @@ class Ready:
     again: Callable[[], float]  # one more timed run: chain-steps per second
 
 
-def prepare(part: str, length: int, envs: int, devices: int, onward: bool = True) -> Ready:
+def prepare(
+    part: str,
+    length: int,
+    envs: int,
+    devices: int,
+    onward: bool = True,
+    world: WorldConfig = STILL,
+) -> Ready:
     """The part, compiled, with so many steps in a run that it takes the target time.
 
     A run goes on where the one before ended if it is to go `onward`, else from the start.
     """
     advance, contact = PARTS[part]
-    env = SCLD(TaskConfig(length=length, contact=contact))
+    env = SCLD(TaskConfig(length=length, contact=contact), as_world(world))
     mesh = mesh_of(devices)
     envs -= envs % devices
     states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), envs))

@@ -122,6 +122,7 @@ BAD = [
     (["models", "any-length", "--length", "1"], "--length is for the list of controllers, got 1"),
     (["models", "any-length", "--observation", "body"], "--observation is for the list"),
     (["bench", "--envs", "0"], "at least 1"),
+    (["bench", "--world", "wet"], "unknown world 'wet': choose one of still, current"),
     (["reproduce", "--out", "NEW", "--models", "mlp,gnn"], "unknown model 'gnn'"),
     (["reproduce", "--out", "NEW", "--models", "mlp", "--graphs", "full"], "an mlp has no graph"),
     (["reproduce", "--out", "NEW", "--models", "mlp", "--tests", "4,8"], "got tests at 4"),

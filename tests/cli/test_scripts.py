@@ -25,8 +25,9 @@ def test_models_are_json_with_what_the_list_says(capsys):
 
 
 def test_speeds_are_json_with_one_entry_for_each_length_and_part(capsys):
-    content = printed(capsys, "bench", "--lengths", "2", "--envs", "2")
+    content = printed(capsys, "bench", "--lengths", "2", "--envs", "2", "--world", "current")
     assert content["envs"] == 2 and {row["length"] for row in content["measurements"]} == {2}
+    assert content["world"] == "current" and len(content["measurements"]) == 2
     assert all(row["steps_per_second"] > 0 for row in content["measurements"])
 
 
