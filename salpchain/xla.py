@@ -13,18 +13,18 @@ from jaxtyping import Array, Float
 _flat = ContextVar("flat", default=False)  # within `flat_products`
 
 
-def once(tree: Any, never: jax.Array | bool) -> Any:
+def materialise(tree: Any, never: jax.Array | bool) -> Any:
     """The same arrays, computed once and kept, though many operations read them.
 
     XLA on a CPU computes a cheap-looking sine anew in each operation that needs it. A loop that
     never turns stops that; `never` must be false, and XLA must not be able to tell. It has the
     derivatives of what it is given.
     """
-    return _once(tree, never)
+    return _materialise(tree, never)
 
 
 @jax.custom_jvp
-def _once(tree: Any, never: jax.Array | bool) -> Any:
+def _materialise(tree: Any, never: jax.Array | bool) -> Any:
     def turn(carry: tuple[jax.Array, Any]) -> tuple[jax.Array, Any]:
         other = jax.tree.map(lambda x: ~x if x.dtype == bool else x + 1, carry[1])
         return jnp.zeros((), bool), other
@@ -32,9 +32,9 @@ def _once(tree: Any, never: jax.Array | bool) -> Any:
     return jax.lax.while_loop(lambda carry: carry[0], turn, (jnp.asarray(never), tree))[1]
 
 
-@_once.defjvp
+@_materialise.defjvp
 def _(primals: Any, tangents: Any) -> Any:
-    return _once(*primals), tangents[0]
+    return _materialise(*primals), tangents[0]
 
 
 def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array, "*rows outputs"]:
@@ -60,7 +60,7 @@ def _forward(y: Array, like: Array) -> tuple[Array, Array]:
 
 def _backward(like: Array, gradient: Array) -> tuple[Array, Array]:
     never = jnp.isinf(like.ravel()[0])
-    return once(gradient, never), jnp.zeros_like(like)
+    return materialise(gradient, never), jnp.zeros_like(like)
 
 
 _whole_gradient.defvjp(_forward, _backward)

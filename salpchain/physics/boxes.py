@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.physics.derivatives import root
 from salpchain.physics.joints import softplus
-from salpchain.xla import once
+from salpchain.xla import materialise
 
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0))  # of the four corners
 
@@ -47,13 +47,13 @@ def closest_points(boxes: Boxes, never: Any) -> tuple[Array, Array, Array]:
     least, which = squares[0], jnp.zeros(squares[0].shape, jnp.int32)
     for k, value in enumerate(squares[1:], 1):
         which, least = jnp.where(value < least, k, which), jnp.minimum(value, least)
-    which = once(which, never)
+    which = materialise(which, never)
     corner = which % 4
     signs = jnp.where(corner < 2, 1.0, -1.0), jnp.where(corner % 3 == 0, 1.0, -1.0)
     (own, own_between), (far, far_between) = (
         _corner_pair(boxes, mine, *signs) for mine in (True, False)
     )
-    here, between = once(
+    here, between = materialise(
         (jnp.where(which < 4, own, far), jnp.where(which < 4, own_between, far_between)), never
     )
     gap = root(square(between))

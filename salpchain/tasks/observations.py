@@ -18,7 +18,7 @@ from salpchain.physics.state import Chain, wrap
 from salpchain.tasks.features import SENSED, Observation, Pair, Row, View, features
 from salpchain.world.surfaces import nearest_surface, rays
 from salpchain.world.world import World
-from salpchain.xla import once
+from salpchain.xla import materialise
 
 
 class Around(NamedTuple):
@@ -112,7 +112,7 @@ class ChainView(View):
             name: tuple(x[:, k] for k in range(x.shape[1])) for name, x in sensed.items()
         }
         never = chain.present.sum() < 0
-        self.turn: Pair = once((jnp.cos(self.angle), jnp.sin(self.angle)), never)
+        self.turn: Pair = materialise((jnp.cos(self.angle), jnp.sin(self.angle)), never)
 
     @cached_property
     def centroid(self) -> Pair:

@@ -43,7 +43,7 @@ from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
 from salpchain.world.randomise import as_world, draw_world, with_obstacles
 from salpchain.world.sensing import Senses, silenced
 from salpchain.world.world import World, of_episode
-from salpchain.xla import once
+from salpchain.xla import materialise
 
 FENCE_PER_UNIT = 0.25  # m, half the side of the fenced square for each unit of the chain
 WORLD_STREAM = 2  # makes the world of an episode independent of its start
@@ -333,7 +333,7 @@ def _find_invalid(_: None, action: Array, present: Array) -> tuple[Array, Array]
     NaN. A choice between the chains before and after would make XLA round valid ones otherwise.
     """
     invalid = jnp.any(~jnp.isfinite(action) & present[:, None], axis=(0, 1))
-    return once((invalid, present & ~invalid), present.sum() < 0)
+    return materialise((invalid, present & ~invalid), present.sum() < 0)
 
 
 def _with_present(chain: Chain, present: Bool[Array, " unit"]) -> Chain:
