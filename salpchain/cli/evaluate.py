@@ -95,10 +95,10 @@ def run(options: Evaluate) -> None:
     out = Path(options.out) if options.out else default_out(options.policy)
     make_writable(out)
     from salpchain.cli.display import share_display
-    from salpchain.evaluation import too_strong
+    from salpchain.evaluation import impossible
     from salpchain.evaluation.evaluate import evaluate
 
-    say(too_strong.of_water(world, lengths))
+    say(impossible.of_water(world, lengths))
     with share_display("testing", _programs(tested, lengths)) as watch:
         summary = evaluate(
             tested, lengths, trials, options.time_limit, seed, out,
@@ -122,10 +122,10 @@ def _programs(tested: "Controller", lengths: list[int]) -> int:
 def _print(summary: dict[str, Any], out: Path, as_json: bool) -> None:
     """The tables, or the summary as JSON, and where the files are."""
     from salpchain.cli.tables import difficulty_table, show, table
-    from salpchain.evaluation import too_short
+    from salpchain.evaluation import impossible
 
     said = f"wrote {out / 'evaluation.csv'} and {out / 'evaluation.json'}"
-    note = too_short.of_summary(summary)
+    note = impossible.of_summary(summary)
     if as_json:
         print(dumps(summary, indent=2, allow_nan=False))
         say(note)

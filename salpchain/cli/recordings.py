@@ -93,9 +93,9 @@ def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]
 
 def say_if_too_short(swims: Sequence["Trajectory"]) -> None:
     """Prints a line where no controller could have come to the targets within the time limit."""
-    from salpchain.evaluation import too_short
+    from salpchain.evaluation import impossible
 
-    say(too_short.of_swims(swims))
+    say(impossible.of_swims(swims))
 
 
 def check_out(out: str, suffixes: Sequence[str], command: str) -> Path:

@@ -119,11 +119,11 @@ def run(options: Train) -> int:
         _advise(folder)
         return 0
     from salpchain.cli.display import training_display
-    from salpchain.evaluation import too_strong
+    from salpchain.evaluation import impossible
     from salpchain.training.metrics import NotFiniteError
     from salpchain.training.trainer import resume, train
 
-    say(too_strong.of_water(config.world, config.lengths))
+    say(impossible.of_water(config.world, config.lengths))
     try:
         with training_display(config) as (iteration, stage):
             told = {"on_iteration": iteration, "on_stage": stage}

@@ -9,7 +9,7 @@ import pytest
 import salpchain
 from salpchain.cli.main import run
 from salpchain.controllers.greedy import Greedy
-from salpchain.evaluation.too_short import of_swims
+from salpchain.evaluation.impossible import of_swims
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.report.canvas import Canvas
 from salpchain.report.replay import packed

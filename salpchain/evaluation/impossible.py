@@ -1,14 +1,15 @@
-"""Says where a time limit is too short for any controller, in one line for the user."""
+"""Says in one line where no controller can do what is asked: too short a time, too fast a water."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from salpchain.evaluation.limits import centroid_slack, distance_covered
+from salpchain.evaluation.limits import centroid_slack, cruising_speed, distance_covered
 from salpchain.evaluation.trajectory import Trajectory
 from salpchain.physics.state import Physics
 from salpchain.tasks.config import STEPS_PER_UNIT, step_limit
+from salpchain.world.config import WorldConfig
 
 SHOWN = 0.9995  # a closed fraction of at least this is shown as 100.0 %
 
@@ -36,6 +37,24 @@ def of_swims(swims: Sequence[Trajectory]) -> str:
         if line:
             return line
     return ""
+
+
+def of_water(world: WorldConfig, lengths: Sequence[int]) -> str:
+    """The line about a world in which chains of these lengths are to hold a target; empty if they
+    can.
+
+    A vortex counts with its greatest speed, water that wanders with three of its deviations.
+    """
+    current = world.current
+    flow = current.speed.high + current.vortex.high + 3 * current.wander.high
+    speeds = {length: float(cruising_speed(Physics(), length)) for length in lengths}
+    slowest = min(speeds, key=speeds.__getitem__)
+    if flow <= speeds[slowest]:
+        return ""
+    return (
+        f"note: the water of this world may flow at {flow:.2f} m/s, {slowest} units swim at"
+        f" {speeds[slowest]:.2f} m/s at most: against it no controller can reach a target"
+    )
 
 
 def reachable_in(swim: Trajectory, physics: Physics | None = None) -> float:

@@ -1,4 +1,4 @@
-"""What is said where physics, and not the controller, is what a time limit is too short for."""
+"""What is said where physics, and not the controller, stands in the way of the target."""
 
 import dataclasses
 import inspect
@@ -14,10 +14,13 @@ from salpchain import Greedy
 from salpchain.cli.main import COMMANDS
 from salpchain.controllers.policy import PolicyCard
 from salpchain.evaluation.difficulty import start_of
-from salpchain.evaluation.too_short import of_summary, of_swims, reachable_in
+from salpchain.evaluation.impossible import of_summary, of_swims, of_water, reachable_in
 from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.interop.checks import task_of
+from salpchain.ranges import as_range
 from salpchain.tasks.config import TaskConfig
+from salpchain.world.config import CurrentConfig, WorldConfig
+from salpchain.world.presets import WORLDS
 from tests.report.swims import made
 
 
@@ -90,3 +93,22 @@ def test_an_evaluation_says_at_which_lengths_its_limit_is_too_short(reachable, s
     summary = {"time_limit": "fixed", "lengths": rows(*reachable)}
     assert says in of_summary(summary) and bool(says) == bool(of_summary(summary))
     assert of_summary({**summary, "time_limit": "scaled"}) == ""
+
+
+def test_in_our_own_worlds_every_chain_can_hold_its_target():
+    assert [name for name, world in WORLDS.items() if of_water(world, [2, 512])] == []
+
+
+@pytest.mark.parametrize(
+    ("current", "told"),
+    [
+        ({"speed": "0:0.5"}, "may flow at 0.50 m/s, 64 units swim at 0.1"),
+        ({"vortex": 0.15, "speed": 0.15}, "may flow at 0.30 m/s, 64 units"),
+        ({"wander": 0.1}, "may flow at 0.30 m/s, 64 units"),
+        ({"speed": 0.1}, ""),
+    ],
+)
+def test_water_that_is_too_fast_is_named_with_the_slowest_chain(current, told):
+    kinds = {name: as_range(value) for name, value in current.items()}
+    line = of_water(WorldConfig(current=CurrentConfig(**kinds)), [8, 64, 4])
+    assert told in line and bool(line) == bool(told) and "\n" not in line
