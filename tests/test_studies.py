@@ -118,7 +118,7 @@ def test_results_in_the_folder_of_the_report_are_not_begun_again(tmp_path):
 
 
 def test_a_policy_swims_in_vmas_as_it_does_here_and_a_stopped_study_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr(transfer, "step_limit", lambda *_: 12)
+    monkeypatch.setattr(transfer, "step_limit", lambda *_: 8)
     monkeypatch.setattr(transfer, "LENGTHS", (3,))
     monkeypatch.setattr(transfer, "SETTINGS", {"nothing": transfer.SETTINGS["nothing"]})
     played = []
