@@ -54,9 +54,10 @@ def drag(page, start, end, steps=8):
 
 
 def test_a_dragged_target_moves_and_the_chain_arrives(page):
-    # a chain beside its target: straight ahead of it, along the way in which its units push
+    # a chain at rest beside its target: straight ahead, along the way in which its units push
     page.evaluate("live.send('pause', {on: true})")
     until(page, "live.paused")
+    restart(page, 3)
     units = np.array(page.evaluate("live.chains[0].units"))
     angle = units[0, 2]
     shape = units[:, :2] + 0.35 * np.array([-np.sin(angle), np.cos(angle)])
