@@ -216,12 +216,11 @@ class Task(eqx.Module):
     def step(self, state: State, action: Float[Array, "unit act"]) -> State:
         """The episode one control step (0.1 s) later; a finished one simply goes on (`renew_done`).
 
-        An action that holds NaN or infinity for a unit that is present ends the
-        episode: it is terminated and marked `invalid`, and the chain stops where it was.
+        An action that holds NaN or infinity for a unit that is present ends the episode: it is
+        terminated and marked `invalid`, and the chain stops where it was.
 
         Raises:
-            InputError: a batch of states, a state with other slots than `config.length`, or an
-                action of another shape than (unit, act).
+            InputError: a state of many chains or of other slots, or an action of another shape.
         """
         check_can_compute()
         check_state(state, "step", self.config.length)

@@ -88,7 +88,7 @@ def new_learner(
 ) -> Learner:
     """A learner before its first iteration; all randomness follows from `config.seed`.
 
-    `task` and `world`, where given, take the place of those of the settings (see `elsewhere`). Its
+    `task` and `world`, where given, take the place of those of the settings, as by `train`. Its
     chains are divided over as many devices as given, or as there are, as by `train`.
 
     Raises:

@@ -53,15 +53,15 @@ def train(
 ) -> dict[str, Any]:
     """A new run in a new folder; returns its summary.
 
-    `task` and `world`, where given, take the place of those of the settings (see `elsewhere`).
-    After each iteration `on_iteration(metrics, step)` is called, or each of several such functions:
-    `metrics` are numbers by the names of the columns of `metrics.csv`, without those that it is too
-    early to tell, and `step` the chain-steps so far. An evaluation comes in a call of its own, its
-    names beginning with `evaluation_`. What a function raises stops the run after that iteration;
-    all up to there is saved. `on_stage(text)` is told what takes long: that it compiles, evaluates.
+    `task` and `world`, where given, take the place of those of the settings; a task given by name
+    or class keeps their length, observation, action and time limit. After each iteration
+    `on_iteration(metrics, step)` is called, or each of several such functions: `metrics` are
+    numbers by the columns of `metrics.csv`, as far as they can be told yet, `step` the chain-steps
+    so far. An evaluation comes in a call of its own, its names beginning with `evaluation_`. What a
+    function raises stops the run after that iteration; all is saved. `on_stage(text)` is told what
+    takes long.
 
-    Its chains are shared out over as many devices as given, or as there are; each iteration gives
-    the same up to the order of sums, from which long trainings part.
+    Its chains are divided over as many devices as given, or as there are: up to the order of sums.
 
     Raises:
         InputError: no such settings, task, world or path, a used folder, or too few devices.
