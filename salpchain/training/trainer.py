@@ -61,7 +61,7 @@ def train(
     function raises stops the run after that iteration; all is saved. `on_stage(text)` is told what
     takes long.
 
-    Its chains are divided over as many devices as given, or as there are: up to the order of sums.
+    Chains are divided over as many devices as given, or as there are; results differ by rounding.
 
     Raises:
         InputError: no such settings, task, world or path, a used folder, or too few devices.
