@@ -30,9 +30,12 @@ def restart(page, length):
 
 
 def settle(page):
-    """Waits until the picture no longer moves by itself; following is off from then on."""
+    """Lets the camera come at once to where it glides, and stay there."""
+    two_frames = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+    page.evaluate("live.frames = 0")  # as when the page opens
+    page.evaluate(two_frames)
     page.evaluate("live.following = false")
-    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.evaluate(two_frames)
 
 
 def on_screen(page, point):
