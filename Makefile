@@ -14,6 +14,7 @@ demo: $(VENV)/.installed
 # Compiling takes most of the time of the tests. They share programs, with the next run too, and
 # the older code generator of XLA takes half as long for code that is as quick.
 test: export JAX_COMPILATION_CACHE_DIR ?= $(HOME)/.cache/salpchain-tests
+test: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.2
 test: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
 test: $(VENV)/.tested $(VENV)/.browser
 	@find "$$JAX_COMPILATION_CACHE_DIR" -type f -mtime +14 -delete 2>/dev/null || true

@@ -84,9 +84,11 @@ def _for_many(core: Callable[..., Any], static: Any) -> Callable[..., Any]:
         last = jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1) if jnp.ndim(x) else x, trees)
         return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), core(static, *last))
 
+    traced = jax.jit(first, inline=True)  # once for each shape, in whatever programs it is
+
     @custom_vmap
     def many(*trees: Any) -> Any:
-        return automatic(first, trees)
+        return automatic(traced, trees)
 
     @many.def_vmap
     def _(size: int, batched: Any, *trees: Any) -> Any:

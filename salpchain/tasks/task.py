@@ -41,7 +41,7 @@ from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.reach.targets import draw, spawn
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
 from salpchain.world.randomise import as_world, draw_world, with_obstacles
-from salpchain.world.sensing import Senses, silenced
+from salpchain.world.sensing import Senses
 from salpchain.world.world import World, of_episode
 from salpchain.xla import materialise
 
@@ -275,9 +275,10 @@ class Task(eqx.Module):
     def _sense(
         self, chain: Chain, senses: Senses | None, target: Array, force: Array, around: Around
     ) -> Float[Array, "unit feature"]:
-        if senses is None:
+        sensing = around.world.sensing
+        if senses is None or sensing is None:
             return self.observe(chain, target, force, around)
-        return silenced(self.observe(senses.of(chain), target, force, around), senses)
+        return sensing.silenced(self.observe(senses.of(chain), target, force, around), senses)
 
     @standard_promotion
     def observe(

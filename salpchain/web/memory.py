@@ -14,7 +14,7 @@ def width(sensing: Sensing | None) -> int:
     """Numbers that the sensors of a unit remember."""
     if sensing is None:
         return 0
-    poses = 2 + sensing.most_delay + 1  # what is told, the offset, and what was read
+    poses = 2 + sensing.most_delay  # what is told, the offset, and what was read before
     return 6 * poses + 2 + sensing.most_action_delay + 1
 
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pytest
+import scipy.stats
 
 import salpchain
 from salpchain.evaluation.limits import _sum_of_sums
@@ -102,7 +103,8 @@ def test_thrusters_are_weak_dead_fail_lag_and_push_one_way():
 
 def sensed(sensing, steps=400):
     """What is told of a chain whose units are numbered by their x at each step: (step, unit)."""
-    senses, told = sensing.start(jr.key(0), CHAIN, 1), []
+    start = at_rest(jnp.zeros((UNITS, 2)), jnp.zeros(UNITS))
+    senses, told = sensing.start(jr.key(0), start, 1), []
     move = jax.jit(sensing.sense)
     for index in range(1, steps + 1):
         here = at_rest(jnp.full((UNITS, 2), float(index)), jnp.zeros(UNITS))
@@ -120,6 +122,26 @@ def test_noise_and_bias_have_their_deviations():
     assert noisy.std() == pytest.approx(0.3, rel=0.1)
     biased = sensed(Sensing(position_bias=0.3), 5) - np.arange(1, 6)[:, None]
     assert np.ptp(biased, axis=0).max() < 1e-5 and biased.std() > 0.05
+
+
+def test_noise_is_gaussian_and_that_of_a_unit_a_coordinate_or_a_step_tells_nothing_of_another():
+    sensing = Sensing(position=1.0, angle=1.0, velocity=1.0, turning=1.0)
+    senses = sensing.start(jr.key(0), CHAIN, 1)
+
+    def noise(chain, step):
+        key = jr.fold_in(jr.key(chain), step)
+        told = sensing.sense(key, CHAIN, senses).told
+        apart = jax.tree.map(jnp.subtract, told, CHAIN.units)
+        return jnp.concatenate([x.reshape(-1) for x in jax.tree.leaves(apart)])
+
+    every = jax.vmap(jax.vmap(noise, (None, 0)), (0, None))(jnp.arange(40), jnp.arange(100))
+    columns = np.asarray(every).reshape(4000, 6 * UNITS)
+    assert min(scipy.stats.kstest(column, "norm").pvalue for column in columns.T) > 1e-3
+    later = np.hstack(
+        [columns[:-1], columns[1:]]
+    )  # with those of the next step, and of the next chain
+    correlation = np.corrcoef(later.T) - np.eye(12 * UNITS)
+    assert abs(correlation).max() < 5 / np.sqrt(4000)
 
 
 @pytest.mark.parametrize("kind", ["stuck", "dropped"])
