@@ -18,6 +18,8 @@ from salpchain.interop.metadata import metadata
 from salpchain.networks.config import MODELS
 from salpchain.trees import to_arrays
 
+GRAPHS = ("mixed", "full", "near", "hub")  # that both formats have
+
 
 def export(policy: Controller | StrPath, path: StrPath, kind: str) -> None:
     """The policy, or that of this name or path, as one file of this kind, `onnx` or `torch`.
@@ -50,6 +52,11 @@ def _check_known(policy: Policy) -> None:
         raise InputError(
             f"only the models {', '.join(MODELS)} can be exported, {card.name} is one of your own,"
             f" {card.control.model}"
+        )
+    if card.control.graph not in GRAPHS:
+        raise InputError(
+            f"only the graphs {', '.join(GRAPHS)} can be exported, {card.name} has the graph"
+            f" {card.control.graph}"
         )
     known, network = network_shapes(card), policy.network
     alike = jax.tree.structure(known) == jax.tree.structure(network)

@@ -23,7 +23,6 @@ MODELS: dict[str, Spec] = {
 }
 SINGLE_LENGTH = tuple(name for name, spec in MODELS.items() if not spec.any_length)
 PAPER_GRAPHS: tuple[str, ...] = ("mixed", "full")
-GRAPH_NAMES: tuple[str, ...] = (*PAPER_GRAPHS, "near", "hub")
 REACH = 4  # links that a unit hears far on `near` (chosen)
 PAPER_DEPTH, DEEPEST = 2, 8  # graph layers
 
@@ -38,7 +37,7 @@ class ControlConfig:
     """
 
     model: str = "gcn"  # one of `MODELS`, or a trunk of one's own as module:Class
-    graph: str = "mixed"
+    graph: str = "mixed"  # one of `salpchain.networks.graph.GRAPHS`
     shared_log_std: bool = True  # one for each kind of action; else one for each unit (the paper's)
     improved: bool = False  # gcn counts a unit's own features twice (PyG `GCNConv(improved=True)`)
     depth: int = PAPER_DEPTH  # graph layers; a unit hears as many links far
@@ -46,7 +45,7 @@ class ControlConfig:
     def __post_init__(self) -> None:
         check_kinds(self)
         check_known("model", self.model, MODELS)
-        one_of("graph", self.graph, GRAPH_NAMES)
+        _check_graph(self.graph)
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")
         if not PAPER_DEPTH <= self.depth <= DEEPEST:
@@ -56,3 +55,10 @@ class ControlConfig:
                 f"depth must stay {PAPER_DEPTH} for an {self.model}, which has no graph layers,"
                 f" got {self.depth}"
             )
+
+
+def _check_graph(name: object) -> None:
+    if name not in PAPER_GRAPHS:  # the table of all needs JAX
+        from salpchain.networks.graph import GRAPHS
+
+        one_of("graph", name, GRAPHS)

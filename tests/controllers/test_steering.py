@@ -1,5 +1,7 @@
 """Poses from elsewhere lead to the actions that the same chain gets here."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -21,13 +23,16 @@ CONTROLLERS = {
 }
 
 
-def moving(controller, number=3):
+@cache
+def moving(name, number=3):
     """States of chains that swim, some steps after their start."""
+    controller = CONTROLLERS[name]
     env = SCLD(controller.card.task(LENGTH))
-    states = jax.vmap(env.reset)(jr.split(jr.key(1), number))
+    reset, advance = (jax.jit(jax.vmap(one)) for one in (env.reset, env.step))
+    states = reset(jr.split(jr.key(1), number))
     shape = (number, LENGTH, env.action_size)
     for step in range(4):
-        states = jax.vmap(env.step)(states, jr.uniform(jr.key(step), shape, minval=-1.0))
+        states = advance(states, jr.uniform(jr.key(step), shape, minval=-1.0))
     return env, states
 
 
@@ -40,7 +45,7 @@ def poses(states):
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_actions_and_thrusts_are_those_of_the_simulation(name):
     controller = CONTROLLERS[name]
-    env, states = moving(controller)
+    env, states = moving(name)
     steer = salpchain.steering(controller, LENGTH)
     actions = jnp.clip(jax.vmap(controller.act)(states), -1, 1)
     np.testing.assert_allclose(steer(*poses(states)), actions, atol=1e-5)
@@ -50,7 +55,7 @@ def test_actions_and_thrusts_are_those_of_the_simulation(name):
 
 def test_one_chain_and_any_axes_in_front_give_the_same():
     controller = CONTROLLERS["greedy"]
-    steer, given = salpchain.steering(controller, LENGTH), poses(moving(controller, 4)[1])
+    steer, given = salpchain.steering(controller, LENGTH), poses(moving("greedy", 4)[1])
     all_at_once = steer(*given)
     one = steer(*(x[2] for x in given))
     assert one.shape == (LENGTH, 1)
@@ -78,7 +83,7 @@ def test_lists_and_no_force_will_do():
     ],
 )
 def test_poses_that_cannot_be_used_are_refused(which, wrong, says):
-    given = [x[0] for x in poses(moving(salpchain.Greedy(), 1)[1])]
+    given = [x[0] for x in poses(moving("greedy", 1)[1])]
     given[which] = wrong
     with pytest.raises(InputError, match=says):
         salpchain.steering(salpchain.Greedy(), LENGTH)(*given)

@@ -22,6 +22,7 @@ from salpchain.errors import InputError
 from salpchain.interop import FORMATS
 from salpchain.interop.export import export
 from salpchain.interop.network import load_torch
+from salpchain.networks.graph import GRAPHS, of_adjacency
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS as LAYOUTS
 from salpchain.tasks.features import layout
@@ -113,7 +114,7 @@ def test_a_robot_takes_no_pose_that_only_broadcasts(swum):
         thrusts(None, *rest, target[:1])
 
 
-def test_an_unknown_format_or_a_controller_without_weights_is_refused(tmp_path):
+def test_an_unknown_format_or_a_controller_without_weights_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="unknown format 'ONNX': choose one of onnx, torch"):
         export(fresh(), tmp_path / "x.ONNX", "ONNX")
     for other in ("gatv2", "mlp"):  # a network that is not the one the card names
@@ -121,6 +122,9 @@ def test_an_unknown_format_or_a_controller_without_weights_is_refused(tmp_path):
         for kind in FORMATS:
             with pytest.raises(InputError, match="the card of gcn-mixed names gcn, its network is"):
                 export(odd, tmp_path / f"x{FORMATS[kind]}", kind)
+    monkeypatch.setitem(GRAPHS, "alone", lambda present, joined: of_adjacency(jnp.diag(present)))
+    with pytest.raises(InputError, match="only the graphs mixed, full, near, hub can be exported"):
+        export(fresh(graph="alone"), tmp_path / "x.onnx", "onnx")
     with pytest.raises(InputError, match="only a learned policy can be exported"):
         export(Greedy(), str(tmp_path / "x.onnx"), "onnx")
     assert not list(tmp_path.iterdir())

@@ -12,9 +12,9 @@ import pytest
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
-from salpchain.networks.config import GRAPH_NAMES, ControlConfig
+from salpchain.networks.config import ControlConfig
 from salpchain.networks.count import num_parameters
-from salpchain.networks.graph import full, hub, mixed, near, of_adjacency
+from salpchain.networks.graph import GRAPHS, full, hub, mixed, near, of_adjacency
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.xla import flat_products
@@ -44,7 +44,7 @@ call = eqx.filter_jit(lambda policy, *given: policy(*given))
 act = eqx.filter_jit(lambda policy, *given: policy.act(*given))
 
 models = pytest.mark.parametrize("model", ["gcn", "gatv2", "gt"])
-graphs = pytest.mark.parametrize("graph", GRAPH_NAMES)
+graphs = pytest.mark.parametrize("graph", GRAPHS)
 
 
 @pytest.mark.parametrize(
@@ -61,6 +61,18 @@ def test_the_parameter_counts_are_the_papers(model, count):
 def test_the_graphs_have_as_many_edges_as_they_should(graph, edges):
     """The hub's edges from the units weigh 1 together."""
     assert int(graph(*all_of(8)).degree().sum()) == edges
+
+
+@models
+def test_a_graph_is_added_to_one_table(model, monkeypatch):
+    monkeypatch.setitem(GRAPHS, "alone", lambda present, joined: of_adjacency(jnp.diag(present)))
+    config, obs = ControlConfig(model=model, graph="alone"), observed(4)
+    policy = actor_critic(jr.key(0), config, 24, 2, 8)
+    base, moved = (act(policy, x, *all_of(4)) for x in (obs, obs.at[1].add(1.0)))
+    changed = np.abs(np.asarray(moved - base)).max(axis=1) > 1e-7
+    np.testing.assert_array_equal(np.flatnonzero(changed), [1])
+    with pytest.raises(InputError, match="unknown graph 'alon': choose one of mixed, .* alone"):
+        ControlConfig(graph="alon")
 
 
 @models

@@ -75,9 +75,10 @@ def test_what_a_curriculum_judges_are_the_latest_episodes():
 
 def test_renewed_chains_get_the_drawn_length_and_the_others_stay_bit_identical():
     env = SCLD(TaskConfig(length=6))
-    states = jax.vmap(env.reset, (0, None))(jr.split(jr.key(1), 8), 4)
+    reset = jax.jit(jax.vmap(lambda key: env.reset(key, 4)))
+    states = reset(jr.split(jr.key(1), 8))
     ended = eqx.tree_at(lambda s: s.truncated, states, jnp.arange(8) % 2 == 0)
-    after = renew_done(env, ended, lambda key: jnp.int32(6))
+    after = jax.jit(lambda s: renew_done(env, s, lambda key: jnp.int32(6)))(ended)
     assert list(np.asarray(after.length)) == [6, 4] * 4
     for one, other in zip(jax.tree.leaves(after.chain), jax.tree.leaves(ended.chain), strict=True):
         np.testing.assert_array_equal(one[1::2], other[1::2])
@@ -98,7 +99,7 @@ def samples_of(policy, lengths, slots, inputs=5):
 
 def gradient(policy, ratio, batch):
     config = PPOConfig(ratio=ratio, value_weight=0.0)
-    return jax.grad(lambda p: loss(p, config, batch, 0.0)[0])(policy)
+    return jax.jit(jax.grad(lambda p: loss(p, config, batch, 0.0)[0]))(policy)
 
 
 @pytest.mark.parametrize(("ratio", "growth"), [("unit", 1.0), ("chain", 8.0)])
