@@ -71,7 +71,7 @@ def test_a_graph_is_added_to_one_table(model, monkeypatch):
     base, moved = (act(policy, x, *all_of(4)) for x in (obs, obs.at[1].add(1.0)))
     changed = np.abs(np.asarray(moved - base)).max(axis=1) > 1e-7
     np.testing.assert_array_equal(np.flatnonzero(changed), [1])
-    with pytest.raises(InputError, match="unknown graph 'alon': choose one of mixed, .* alone"):
+    with pytest.raises(InputError, match=r"unknown graph 'alon': choose one of mixed, .* alone"):
         ControlConfig(graph="alon")
 
 
