@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy
 from jaxtyping import Float
-from scipy import stats
+
 
 LEVEL = 0.95  # of every interval
 RESAMPLES = 9999  # of the bootstrap (SciPy's default)
@@ -144,7 +145,7 @@ def interquartile_mean(values: Values) -> float:
     Source: Agarwal et al. 2021, "Deep RL at the edge of the statistical precipice"; as there,
     `scipy.stats.trim_mean` with a quarter cut at either end.
     """
-    return float(stats.trim_mean(values, 0.25))
+    return float(scipy.stats.trim_mean(values, 0.25))
 
 
 def interval_of_mean(values: Values) -> tuple[float, float]:
@@ -156,7 +157,7 @@ def interval_of_mean(values: Values) -> tuple[float, float]:
         return math.nan, math.nan
     if np.ptp(values) == 0:
         return float(values[0]), float(values[0])
-    result = stats.bootstrap(
+    result = scipy.stats.bootstrap(
         (values,),
         np.mean,
         n_resamples=RESAMPLES,
@@ -170,7 +171,7 @@ def interval_of_mean(values: Values) -> tuple[float, float]:
 
 def share(successes: int, trials: int) -> dict[str, float]:
     """The share of successes with its 95 % Wilson interval."""
-    interval = stats.binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
+    interval = scipy.stats.binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
     return {
         "mean": successes / trials,
         "low": float(interval.low),
