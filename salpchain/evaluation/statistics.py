@@ -9,7 +9,6 @@ import pandas as pd
 import scipy
 from jaxtyping import Float
 
-
 LEVEL = 0.95  # of every interval
 RESAMPLES = 9999  # of the bootstrap (SciPy's default)
 MEASURES = (

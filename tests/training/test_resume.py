@@ -26,7 +26,7 @@ COLUMNS = b"iteration,steps,seconds,episodes,success,closed_fraction,reward_appr
 def start(folder, cache):
     command = [sys.executable, "-m", "tests.training.small", str(folder), str(ITERATIONS)]
     return subprocess.Popen(
-        command, env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)},
+        command, env={"JAX_COMPILATION_CACHE_DIR": str(cache), **os.environ},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
 
