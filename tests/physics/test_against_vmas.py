@@ -108,20 +108,19 @@ def test_one_control_step_of_pressing_units_agrees_with_vmas():
 
 STRAIGHT = {4: 40, 8: 40, 16: 10, 32: 10}  # chains for each length
 BENT = {8: 40}  # more of these; longer chains seldom touch within 100 steps
-STEPS = {4: 200, 8: 200, 16: 100, 32: 100}  # VMAS takes minutes for long chains
 
 
 @pytest.fixture(scope="module")
 def side_by_side(request):
     """Errors of chains straight at the start, as in the task; then errors of bent ones, and touch.
 
-    All of a length swim in one VMAS world, for the control steps of `STEPS`.
+    All of a length swim in one VMAS world, for 200 control steps.
     """
     num = request.param
     rng = np.random.default_rng(num)
     straight, bending = bent(rng, STRAIGHT[num], num, 0.0), bent(rng, BENT.get(num, 0), num, 0.3)
     start = [np.concatenate(both) for both in zip(straight, bending, strict=True)]
-    pushes = held_thrusts(rng, len(start[0]), num, STEPS[num])
+    pushes = held_thrusts(rng, len(start[0]), num, 200)
     errors, touched = errors_along(VmasChains(*start), resting(*start), pushes)
     first = STRAIGHT[num]
     return errors[:, :first], errors[:, first:], touched[:, first:]

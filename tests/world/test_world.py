@@ -137,9 +137,7 @@ def test_noise_is_gaussian_and_that_of_a_unit_a_coordinate_or_a_step_tells_nothi
     every = jax.vmap(jax.vmap(noise, (None, 0)), (0, None))(jnp.arange(40), jnp.arange(100))
     columns = np.asarray(every).reshape(4000, 6 * UNITS)
     assert min(scipy.stats.kstest(column, "norm").pvalue for column in columns.T) > 1e-3
-    later = np.hstack(
-        [columns[:-1], columns[1:]]
-    )  # with those of the next step, and of the next chain
+    later = np.hstack([columns[:-1], columns[1:]])  # of the next step; or of the next chain
     correlation = np.corrcoef(later.T) - np.eye(12 * UNITS)
     assert abs(correlation).max() < 5 / np.sqrt(4000)
 
