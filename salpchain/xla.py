@@ -37,6 +37,11 @@ def _(primals: Any, tangents: Any) -> Any:
     return _materialise(*primals), tangents[0]
 
 
+def on_cpu() -> bool:
+    """Whether what is traced now will run on a CPU, unless told otherwise."""
+    return jax.default_backend() == "cpu"
+
+
 def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array, "*rows outputs"]:
     """`y`; within `flat_products` its gradient is worked out whole before any product with it.
 
@@ -45,7 +50,7 @@ def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array
     `like` is any array of finite numbers that all rows share, such as the weights. Elsewhere `y`
     has derivatives of both modes.
     """
-    wanted = _flat.get() and jax.default_backend() == "cpu"
+    wanted = _flat.get() and on_cpu()
     return _whole_gradient(y, like) if wanted else y
 
 

@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.physics import broadphase
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.obstacles import Obstacles, solids
+from salpchain.physics.broadphase import far_pairs, near_solids
+from salpchain.physics.contact import among_all_units, among_units
+from salpchain.physics.obstacles import Obstacles, every_obstruction, obstruction, solids
 from salpchain.physics.state import Bodies, Chain, Physics
-from salpchain.physics.substeps import Load, Motion, Rig
+from salpchain.physics.substeps import Load, Motion, Pusher, Rig, run_substeps
 from salpchain.switches import standard_promotion
 
 
@@ -44,7 +45,7 @@ def _changing(chain: Chain) -> tuple[Any, ...]:
 
 
 def _stepped(
-    advance: Any,
+    differentiable: bool,
     contact: bool,
     chain: Chain,
     thrust: Array,
@@ -56,16 +57,33 @@ def _stepped(
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
-    moved = advance(rig, units, links, Load(push, jnp.zeros_like(units.angle)), contact)
+    pushers = (_every_pusher if differentiable else _near_pushers)(rig, units, contact)
+    moved = run_substeps(rig, units, links, Load(push, jnp.zeros_like(units.angle)), *pushers)
     flags = [moved.touching]
     if chain.blocked is not None:
         flags.append(jnp.zeros_like(moved.touching) if moved.blocked is None else moved.blocked)
     return [*_fields(moved.units), *_fields(moved.links), *flags]
 
 
-_step = over_the_batch(
-    partial(_stepped, broadphase.advance), partial(_stepped, broadphase.advance_differentiably)
-)
+_step = over_the_batch(partial(_stepped, False), partial(_stepped, True))
+
+Pushers = tuple[Pusher | None, Pusher | None]  # other units, obstacles
+
+
+def _near_pushers(rig: Rig, units: Motion, contact: bool) -> Pushers:
+    """What pushes units where it is near."""
+    others = obstacles = None
+    if contact and len(units.angle) > 1:
+        others = partial(among_units, rig, far_pairs(rig, units))
+    if rig.obstacles is not None:
+        obstacles = partial(obstruction, rig, near_solids(rig, units))
+    return others, obstacles
+
+
+def _every_pusher(rig: Rig, units: Motion, contact: bool) -> Pushers:
+    """The same without loops of unknown length, so that it can be differentiated backwards too."""
+    others = partial(among_all_units, rig) if contact and len(units.angle) > 1 else None
+    return others, None if rig.obstacles is None else partial(every_obstruction, rig)
 
 
 def _motion(bodies: Bodies, alive: Array) -> Motion:

@@ -1,28 +1,37 @@
 """Contact of units: boxes that repel when closer than a small gap (VMAS 1.5.2).
 
-Arrays have the batch last: vectors are (2, unit, batch) or (2, pair, batch). Each chain has a list
-of pairs of units that may touch.
+Arrays have the batch last: vectors are (2, unit, batch) or (2, pair).
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, Shaped
+from jaxtyping import Array, Float
 
-from salpchain.physics.boxes import Boxes, closest_points, cross, overlap, repulsion, square
-from salpchain.physics.substeps import Load, Motion
-
-
-class Pairs(NamedTuple):
-    """Units that may touch, in lists that are gone through one by one.
-
-    Lists are padded with pairs (i, i), which exert nothing.
-    """
-
-    first: Int[Array, "list pair batch"]
-    second: Int[Array, "list pair batch"]
-    lists: Int[Array, ""] | int  # that hold any pairs; they come first
+from salpchain.physics.boxes import (
+    Vector,
+    closest_points,
+    cross,
+    from_box,
+    lying,
+    overlap,
+    repulsion,
+    square,
+    turned,
+    unit_vector,
+)
+from salpchain.physics.candidates import (
+    Candidates,
+    Exert,
+    Pushes,
+    listed,
+    packed,
+    pushed,
+    scattered,
+)
+from salpchain.physics.substeps import Motion, Push, Rig
+from salpchain.xla import materialise
 
 
 def touching_distance(physics: Any) -> Any:
@@ -30,99 +39,101 @@ def touching_distance(physics: Any) -> Any:
     return jnp.sqrt(physics.unit_length**2 + physics.unit_width**2)
 
 
-def contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
-    """What the units of each pair exert on each other, summed over pairs for every unit.
+def once(num: int, unit: Any, shift: Any) -> Any:
+    """Whether a pair of this unit and the one so many slots on, counted round, is no other's
+    mirror image: half way round each is met twice."""
+    return (2 * shift < num) | (unit < num // 2)
 
-    Shapes are looked at only where some pair is near.
+
+def among_units(rig: Rig, far: Candidates | None, units: Motion) -> Push:
+    """How units push each other: neighbours whose bounding circles meet, and those of `far`.
+
+    `other` is one less than how many slots on, counted round, the second unit of a pair is.
     """
-    turn = _turn(units)
-
-    def add(index: Array, total: Array) -> Array:
-        some = _listed(rig, pairs, units, index)
-        return jax.lax.cond(
-            some.near.any(), lambda: total + _exerted(rig, some, turn), lambda: total
-        )
-
-    nothing = jnp.zeros((3, *units.angle.shape))
-    total = jax.lax.fori_loop(0, pairs.lists, add, nothing)
-    return Load(total[:2], total[2])
-
-
-def every_contact_load(rig: Any, pairs: Pairs, units: Motion) -> Load:
-    """`contact_load` of all lists, in operations that have derivatives of both modes."""
-    turn = _turn(units)
-
-    def add(total: Array, index: Array) -> tuple[Array, None]:
-        return total + _exerted(rig, _listed(rig, pairs, units, index), turn), None
-
-    nothing = jnp.zeros((3, *units.angle.shape))
-    total, _ = jax.lax.scan(add, nothing, jnp.arange(len(pairs.first)))
-    return Load(total[:2], total[2])
-
-
-def _exerted(rig: Any, some: "Listed", turn: Array) -> Float[Array, "3 unit batch"]:
-    """Force (N, x and y) and torque (N m) on each unit by its pairs in a list."""
-    boxes = some.offset, _at(turn, some.first), _at(turn, some.second)
-    force, first, second = _box_against_box(rig.physics, *boxes, some.never)
-    loads = jnp.stack([*force, first]), jnp.stack([*-force, second])
-    return _sum_for_units(some, turn[0], *(jnp.where(some.near, x, 0.0) for x in loads))
-
-
-class Listed(NamedTuple):
-    """The pairs of one list, and how they lie."""
-
-    first: Int[Array, "pair batch"]
-    second: Int[Array, "pair batch"]
-    offset: Float[Array, "2 pair batch"]  # m, from first to second
-    near: Bool[Array, "pair batch"]  # bounding circles meet, as VMAS has it
-
-    @property
-    def never(self) -> Bool[Array, ""]:
-        """False, for `once`."""
-        return self.near.sum() < 0
-
-
-def _listed(rig: Any, pairs: Pairs, units: Motion, index: Array) -> Listed:
-    first, second = pairs.first[index], pairs.second[index]
-    offset = _at(units.position, second) - _at(units.position, first)
+    num, batch = units.angle.shape
+    place = scattered(rig.present, units.position)
+    offset = jnp.roll(place, -1, axis=1) - place
     near = square(offset) <= touching_distance(rig.physics) ** 2
-    return Listed(first, second, offset, near & (first != second))
+    near &= once(num, jnp.arange(num)[:, None], 1)
+
+    def load() -> Float[Array, "3 unit batch"]:
+        lists = [listed(packed(near)[None], num)]
+        lists += [] if far is None else [far]
+        totals = pushed(lists, exerted(rig, place, units.angle), num * batch)
+        return jnp.stack(totals).reshape(3, num, batch)
+
+    ever = near.any() if far is None else near.any() | (far.count > 0)
+    return Push(ever, load)
 
 
-def _turn(units: Motion) -> Float[Array, "2 unit batch"]:
-    return jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
+def exerted(
+    rig: Rig, place: Float[Array, "2 unit batch"], angle: Float[Array, "unit batch"]
+) -> Exert:
+    """What the two units of a pair exert on each other."""
+    num, batch = angle.shape
+    size = num * batch
+    x, y, angle = (row.reshape(size) for row in (*place, angle))
+
+    def exert(unit: Array, other: Array, valid: Array, never: Array) -> Pushes:
+        onward = unit + (other + 1) * batch
+        onward = jnp.where(onward >= size, onward - size, onward)
+        valid &= once(num, unit // batch, other + 1)
+        first, second = jnp.minimum(unit, onward), jnp.maximum(unit, onward)
+        offset = x[second] - x[first], y[second] - y[first]
+        offset, turn, other_turn = materialise(
+            (offset, turned(angle[first]), turned(angle[second])), never
+        )
+        physics = jax.tree.map(lambda c: c[first % batch] if jnp.ndim(c) else c, rig.physics)
+        valid &= square(offset) <= touching_distance(physics) ** 2
+        force, one, two = box_against_box(physics, offset, turn, other_turn, never)
+        push = [jnp.where(valid, value, 0.0) for value in (*force, one, two)]
+        return [(first, push[:3]), (second, [-push[0], -push[1], push[3]])]
+
+    return exert
 
 
-def _at(x: Shaped[Array, "*xy unit batch"], index: Int[Array, "pair batch"]) -> Array:
-    """The rows of each chain's units, with the coordinates in front if there are any."""
-    if x.ndim == 3:
-        return jnp.stack([_at(row, index) for row in x])
-    return jnp.take_along_axis(x, index, axis=0)
+def among_all_units(rig: Rig, units: Motion) -> Push:
+    """`among_units` of all pairs, in operations that have derivatives of both modes."""
+    num = len(units.angle)
+    unit = jnp.arange(num)[:, None]
+    rows = jnp.stack([*scattered(rig.present, units.position), *turned(units.angle)])
+
+    def add(total: Array, shift: Array) -> tuple[Array, None]:
+        onward = jnp.roll(rows, -shift, axis=1)
+        wraps = unit + shift >= num  # the first unit of a pair is that of the lower slot
+        first, second = jnp.where(wraps, onward, rows), jnp.where(wraps, rows, onward)
+        offset = second[0] - first[0], second[1] - first[1]
+        near = (square(offset) <= touching_distance(rig.physics) ** 2) & once(num, unit, shift)
+        force, one, two = box_against_box(
+            rig.physics, offset, (first[2], first[3]), (second[2], second[3])
+        )
+        on_first, on_second = (
+            jnp.where(near, jnp.stack(push), 0.0)
+            for push in ((*force, one), (-force[0], -force[1], two))
+        )
+        here, there = (
+            jnp.where(wraps, *pair) for pair in ((on_second, on_first), (on_first, on_second))
+        )
+        return total + here + jnp.roll(there, shift, axis=1), None
+
+    nothing = jnp.zeros((3, *units.angle.shape))
+    return Push(None, lambda: jax.lax.scan(add, nothing, jnp.arange(1, num // 2 + 1))[0])
 
 
-def _sum_for_units(
-    some: Listed, like: Array, first: Array, second: Array
-) -> Float[Array, "3 unit batch"]:
-    """For each unit, the sum of what its pairs give it, (3, pair, batch) to either unit."""
-    num, batch = like.shape
-    unit = jnp.concatenate([some.first, some.second])
-    given = jnp.moveaxis(jnp.concatenate([first, second], axis=1), 0, -1)
-    total = jnp.zeros((num, batch, 3)).at[unit, jnp.arange(batch)].add(given)
-    return jnp.moveaxis(total, -1, 0)
+def box_against_box(
+    physics: Any, offset: Vector, turn: Vector, other_turn: Vector, never: Any = False
+) -> tuple[Vector, Array, Array]:
+    """Force (N) on a unit by another at an `offset` (m), and torques (N m) on both.
 
-
-def _box_against_box(
-    physics: Any, offset: Array, turn: Array, other_turn: Array, never: Any = False
-) -> tuple[Float[Array, "2 pair batch"], Float[Array, "pair batch"], Float[Array, "pair batch"]]:
-    """Force (N) on a unit at the origin by a unit at `offset`, and torques (N m).
-
-    The other unit feels the opposite force. The torques are that on the first unit and that on the
-    second. Units whose sides cross exert nothing on each other: VMAS finds the same point twice.
+    The other unit feels the opposite force. Units whose sides cross exert nothing on each other:
+    VMAS finds the same point twice.
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
-    boxes = Boxes(half, half, offset, turn, other_turn)
-    gap, here, normal = closest_points(boxes, never)
+    boxes = lying(half, half, offset, turn, other_turn)
+    here, between = closest_points(boxes, never)
+    gap, normal = unit_vector(between)
     acts = (gap <= physics.contact_gap) & ~overlap(boxes)
-    force = jnp.where(acts, repulsion(physics, gap), 0.0) * normal
-    there = here - gap * normal - offset
-    return force, cross(here, force), -cross(there, force)
+    size = jnp.where(acts, repulsion(physics, gap), 0.0)
+    force = size * normal[0], size * normal[1]
+    there = tuple(here[k] - between[k] - boxes.offset[k] for k in (0, 1))
+    return from_box(force, turn), cross(here, force), -cross(there, force)

@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from salpchain.physics import boxes
-from salpchain.physics.boxes import Boxes, cross, square, to_box
-from salpchain.physics.substeps import Load, Motion, Rig
+from salpchain.physics.boxes import Vector, cross, from_box, square, to_box, turned
+from salpchain.physics.candidates import AWAY, Candidates, Pushes, pushed, scattered
+from salpchain.physics.substeps import Motion, Push, Rig
+from salpchain.xla import materialise
 
-AWAY = 1e4  # m, where obstacles are put that are not there (chosen)
 # How many times as fast the force grows with the depth inside a wall as with the nearness outside
 # (chosen: see docs/world.md).
 HARDER = 8.0
@@ -88,16 +89,6 @@ def post_solids(posts: Posts) -> Solids:
     return Solids(centre, turn, jnp.zeros_like(centre), radius)
 
 
-class Facing(NamedTuple):
-    """For each unit the solids that it may touch, in lists that are gone through one by one.
-
-    Solid -1 fills up a list.
-    """
-
-    solid: Int[Array, "list unit batch"]
-    lists: Int[Array, ""] | int  # that hold any solids; they come first
-
-
 def distance_squared_beyond(
     solid: Solids, point: Float[Array, "2 unit batch"], reach: Array
 ) -> Float[Array, "unit batch"]:
@@ -110,75 +101,68 @@ def distance_squared_beyond(
     return beyond[0] ** 2 + beyond[1] ** 2 - (reach + solid.rim) ** 2
 
 
-def obstacle_load(rig: Rig, facing: Facing, units: Motion) -> Load:
-    """What obstacles exert on units. Shapes are looked at only where some obstacle is near."""
-    turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
+def obstruction(rig: Rig, near: Candidates, units: Motion) -> Push:
+    """How obstacles push units. `other` is the solid."""
+    num, batch = units.angle.shape
+    x, y = (row.reshape(num * batch) for row in scattered(rig.present, units.position))
+    angle = units.angle.reshape(num * batch)
 
-    def add(index: Array, total: Array) -> Array:
-        chosen = _chosen(rig.obstacles, facing.solid[index])
-        near = _circles_meet(rig.physics, chosen, units) & (facing.solid[index] >= 0)
-        return jax.lax.cond(
-            near.any(), lambda: total + _pushed(rig, chosen, near, units, turn), lambda: total
-        )
+    def exert(unit: Array, other: Array, valid: Array, never: Array) -> Pushes:
+        chain = unit % batch
+        physics = jax.tree.map(lambda c: c[chain] if jnp.ndim(c) else c, rig.physics)
+        one = jax.tree.map(lambda s: jnp.moveaxis(s[other, ..., chain], 0, -1), rig.obstacles)
+        place, turn, one = materialise(((x[unit], y[unit]), turned(angle[unit]), one), never)
+        valid &= _circles_meet(physics, one, place)
+        push = _solid_against_unit(physics, one, place, turn, never)
+        return [(unit, [jnp.where(valid, value, 0.0) for value in push])]
 
-    nothing = jnp.zeros((3, *units.angle.shape))
-    total = jax.lax.fori_loop(0, facing.lists, add, nothing)
-    return Load(total[:2], total[2])
+    def load() -> Float[Array, "3 unit batch"]:
+        return jnp.stack(pushed([near], exert, num * batch)).reshape(3, num, batch)
+
+    return Push(near.count > 0, load)
 
 
-def every_load(rig: Rig, units: Motion) -> Load:
-    """`obstacle_load` of all obstacles, in operations that have derivatives of both modes."""
-    turn = jnp.stack([jnp.cos(units.angle), jnp.sin(units.angle)])
-    units = units._replace(position=jnp.where(rig.present, units.position, 0.0))
+def every_obstruction(rig: Rig, units: Motion) -> Push:
+    """`obstruction` by all obstacles, in operations that have derivatives of both modes."""
+    place, turn = jnp.where(rig.present, units.position, 0.0), turned(units.angle)
 
     def add(total: Array, solid: Solids) -> tuple[Array, None]:
         one = jax.tree.map(partial(jnp.expand_dims, axis=-2), solid)
-        near = _circles_meet(rig.physics, one, units) & rig.present
-        return total + _pushed(rig, one, near, units, turn), None
+        near = _circles_meet(rig.physics, one, place) & rig.present
+        push = jnp.stack(_solid_against_unit(rig.physics, one, place, turn))
+        return total + jnp.where(near, push, 0.0), None
 
-    total, _ = jax.lax.scan(add, jnp.zeros((3, *units.angle.shape)), rig.obstacles)
-    return Load(total[:2], total[2])
-
-
-def _chosen(every: Solids, index: Int[Array, "unit batch"]) -> Solids:
-    """Of each unit its solid, with the coordinates in front."""
-
-    def take(x: Array) -> Array:
-        return jnp.take_along_axis(x, jnp.maximum(index, 0), axis=0)
-
-    centre, turn, half = (jnp.stack([take(x[:, k]) for k in (0, 1)]) for x in every[:3])
-    return Solids(centre, turn, half, take(every.rim))
+    nothing = jnp.zeros((3, *units.angle.shape))
+    return Push(None, lambda: jax.lax.scan(add, nothing, rig.obstacles)[0])
 
 
-def _circles_meet(physics: Any, solid: Solids, units: Motion) -> Bool[Array, "unit batch"]:
+def _circles_meet(physics: Any, solid: Solids, place: Any) -> Bool[Array, "*unit"]:
     """Whether the circles around unit and solid meet, without which VMAS looks no further."""
     size = jnp.sqrt(physics.unit_length**2 + physics.unit_width**2) / 2
     around = size + jnp.sqrt(square(solid.half)) + solid.rim
-    return square(solid.centre - units.position) <= around**2
-
-
-def _pushed(rig: Rig, solid: Solids, near: Array, units: Motion, turn: Array) -> Array:
-    """Force (N, x and y) and torque (N m) on each unit by its solid, where it is near."""
-    force, torque = _solid_against_unit(rig.physics, solid, units, turn, near.sum() < 0)
-    return jnp.where(near, jnp.stack([*force, torque]), 0.0)
+    offset = solid.centre[0] - place[0], solid.centre[1] - place[1]
+    return square(offset) <= around**2
 
 
 def _solid_against_unit(
-    physics: Any, solid: Solids, units: Motion, turn: Array, never: Any
-) -> tuple[Float[Array, "2 unit batch"], Float[Array, "unit batch"]]:
-    """Force (N) and torque (N m) on units.
+    physics: Any, solid: Solids, place: Any, turn: Vector, never: Any = False
+) -> tuple[Array, Array, Array]:
+    """Force (N, x and y) and torque (N m) on units.
 
     Outside it is VMAS's law of two boxes, or of a box and a sphere, which holds inside too. Where
     unit and wall overlap, VMAS exerts nothing; here the force goes on from the 10 N that it has at
     the surface, along the shortest way out, and grows faster, up to 70 N.
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
-    pair = Boxes(half, solid.half, solid.centre - units.position, turn, solid.turn)
-    gap, outside, away = boxes.closest_points(pair, never)
+    offset = solid.centre[0] - place[0], solid.centre[1] - place[1]
+    pair = boxes.lying(half, (solid.half[0], solid.half[1]), offset, turn, solid.turn)
+    outside, between = boxes.closest_points(pair, never)
+    gap, away = boxes.unit_vector(between)
     depth, inside, out = boxes.deepest_points(pair)
     inner = jnp.where(solid.rim > 0, depth, HARDER * jnp.minimum(depth, DEEPEST))
     within = boxes.overlap(pair)
     gap = jnp.where(within, -inner, gap) - solid.rim
-    normal, here = jnp.where(within, out, away), jnp.where(within, inside, outside)
-    force = jnp.where(gap <= physics.contact_gap, boxes.repulsion(physics, gap), 0.0) * normal
-    return force, cross(here, force)
+    here = [jnp.where(within, inside[k], outside[k]) for k in (0, 1)]
+    size = jnp.where(gap <= physics.contact_gap, boxes.repulsion(physics, gap), 0.0)
+    force = [size * jnp.where(within, out[k], away[k]) for k in (0, 1)]
+    return *from_box(force, turn), cross(here, force)

@@ -52,7 +52,6 @@ class Substate(NamedTuple):
     units: Motion
     links: Motion
     half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
-    nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours so far
     touching: Bool[Array, " batch"]  # whether two units have pushed each other so far
     blocked: Bool[Array, " batch"] | None  # whether an obstacle has pushed a unit so far
 
@@ -62,12 +61,20 @@ class Moved(NamedTuple):
 
     units: Motion
     links: Motion
-    nearest: Float[Array, "link batch"]  # m2, least square distance of neighbours on the way
     touching: Bool[Array, " batch"]  # whether two units pushed each other on the way
     blocked: Bool[Array, " batch"] | None  # whether an obstacle pushed a unit; None without any
 
 
-ContactLoad = Callable[[Motion], Load]
+class Push(NamedTuple):
+    """How units are pushed in a substep, beside their own thrust and their joints."""
+
+    # Whether any unit of the batch may be pushed; None in operations that have derivatives of both
+    # modes, for which it is as if any may.
+    ever: Bool[Array, ""] | None
+    load: Callable[[], Float[Array, "3 unit batch"]]  # force (N, x and y), torque (N m)
+
+
+Pusher = Callable[[Motion], Push]
 
 
 def run_substeps(
@@ -75,8 +82,8 @@ def run_substeps(
     units: Motion,
     links: Motion,
     push: Load,
-    contact: ContactLoad | None,
-    obstruction: ContactLoad | None = None,
+    contact: Pusher | None,
+    obstruction: Pusher | None = None,
 ) -> Moved:
     """Both kinds of body after all substeps, with the loads of contact between units and with
     obstacles computed in each if given.
@@ -84,39 +91,39 @@ def run_substeps(
     The loop is not unrolled: XLA then fuses the transposes around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
-    far, apart = jnp.full_like(links.angle, jnp.inf), jnp.zeros(units.angle.shape[-1], bool)
+    apart = jnp.zeros(units.angle.shape[-1], bool)
     free = None if rig.obstacles is None else apart
-    state = Substate(units, links, half, far, apart, free)
+    state = Substate(units, links, half, apart, free)
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
-        load = push
+        load, touching, blocked = push, state.touching, state.blocked
         if contact is not None:
-            touch = contact(state.units)
-            load = _sum(push, touch)
-            pushed = (touch.force != 0).any(axis=(0, 1))
-            state = state._replace(touching=state.touching | pushed)
+            load, touching = _pushed_by(contact, state.units, load, touching)
         if obstruction is not None:
-            touch = obstruction(state.units)
-            load = _sum(load, touch)
-            pushed = (touch.force != 0).any(axis=(0, 1))
-            state = state._replace(
-                blocked=pushed if state.blocked is None else pushed | state.blocked
-            )
+            load, blocked = _pushed_by(obstruction, state.units, load, blocked)
+        state = state._replace(touching=touching, blocked=blocked)
         return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return Moved(state.units, state.links, state.nearest, state.touching, state.blocked)
+    return Moved(state.units, state.links, state.touching, state.blocked)
 
 
-def _sum(one: Load, other: Load) -> Load:
-    return Load(one.force + other.force, one.torque + other.torque)
+def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Load, Any]:
+    """The load with what the pusher adds, and the flag of chains that it has pushed so far."""
+
+    push = pusher(units)
+
+    def pushed() -> tuple[Load, Array]:
+        more = push.load()
+        by = (more[:2] != 0).any(axis=(0, 1))
+        return Load(load.force + more[:2], load.torque + more[2]), flag | by
+
+    return pushed() if push.ever is None else jax.lax.cond(push.ever, pushed, lambda: (load, flag))
 
 
 def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
-    units, links, half, nearest = state[:4]
-    ahead = units.position[:, 1:] - units.position[:, :-1]
-    nearest = jnp.minimum(nearest, ahead[0] ** 2 + ahead[1] ** 2)
+    units, links, half = state[:3]
     joints = _joints(rig, units, links, half)
     couple = joints.first - joints.second
     twist = half[0] * couple[1] - half[1] * couple[0]
@@ -131,7 +138,7 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     links = _integrate(rig, links, on_links, physics.link_mass, physics.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, physics.unit_inertia, keep)
     half = _turn(half, rig.dt * links.angular_velocity)
-    return Substate(units, links, half, nearest, state.touching, state.blocked)
+    return Substate(units, links, half, state.touching, state.blocked)
 
 
 def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from salpchain.errors import InputError
-from salpchain.physics import boxes
-from salpchain.physics.boxes import Boxes
+from salpchain.physics.boxes import Vector, closest_points, lying, overlap, turned, unit_vector
 from salpchain.physics.obstacles import Obstacles, Posts, Solids, Walls, solids
 from salpchain.physics.state import Chain, Physics
 
@@ -149,14 +148,14 @@ def _covered(chain: Chain, there: Solids, physics: Physics) -> Iterator[tuple[st
         ("unit", unit, chain.units, chain.present),
         ("link", link, chain.links, chain.joined),
     ):
-        turn = jnp.stack([jnp.cos(bodies.angle), jnp.sin(bodies.angle)])
-        yield name, _overlapping(half, bodies.position.T, turn, there) & np.asarray(alive)[:, None]
+        covered = _overlapping(half, bodies.position.T, turned(bodies.angle), there)
+        yield name, covered & np.asarray(alive)[:, None]
 
 
-def _overlapping(half: Any, place: Array, turn: Array, there: Solids) -> np.ndarray:
+def _overlapping(half: Any, place: Array, turn: Vector, there: Solids) -> np.ndarray:
     """Which boxes and solids overlap, (body, solid): the solids take the place of a batch."""
-    place, turn = place[:, :, None], jnp.repeat(turn[:, :, None], len(there.rim), axis=2)
     centre, other_turn, other_half = (x.T[:, None] for x in there[:3])
-    pair = Boxes(half, other_half, centre - place, turn, other_turn)
-    gap, _, _ = boxes.closest_points(pair, False)
-    return np.asarray(boxes.overlap(pair) | (gap <= there.rim))
+    turn = (turn[0][:, None], turn[1][:, None])
+    pair = lying(half, other_half, centre - place[:, :, None], turn, other_turn)
+    gap, _ = unit_vector(closest_points(pair, False)[1])
+    return np.asarray(overlap(pair) | (gap <= there.rim))

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.physics.batching import over_the_batch
-from salpchain.physics.boxes import to_box, to_world
+from salpchain.physics.boxes import from_box, to_box
 from salpchain.physics.derivatives import root
 from salpchain.physics.obstacles import Obstacles, Solids, post_solids, solids, wall_solids
 from salpchain.physics.state import Chain
@@ -82,15 +82,15 @@ def nearest_rows(point: Pair, turn: Pair, there: Solids, reach: float) -> list[R
     start = nothing, nothing, jnp.full_like(nothing, reach)
     x, y, least = jax.lax.fori_loop(0, there.rim.shape[0], look, start)
     size = 1 - jnp.maximum(least, 0.0) / reach
-    return [*(size * row for row in to_box(jnp.stack([x, y]), jnp.stack(turn)))]
+    return [*(size * row for row in to_box((x, y), turn))]
 
 
 def _towards(solid: Solids, place: Array) -> tuple[Array, Row]:
     """The direction from each point to the nearest of a solid, and its distance (m) from there."""
     turn = solid.turn[:, None]
     apart = to_box(place - solid.centre[:, None], turn)
-    inside = jnp.stack([jnp.clip(apart[k], -solid.half[k], solid.half[k]) for k in (0, 1)])
-    way = to_world(inside - apart, turn)
+    back = [jnp.clip(apart[k], -solid.half[k], solid.half[k]) - apart[k] for k in (0, 1)]
+    way = jnp.stack(from_box(back, turn))
     distance = root(way[0] ** 2 + way[1] ** 2)
     return way / jnp.maximum(distance, 1e-6), distance - solid.rim
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from salpchain.physics import batching, broadphase, contact
+from salpchain.physics.boxes import turned
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
 from tests.physics.poses import bent, largest_difference, resting
@@ -36,13 +37,10 @@ def vmas_boxes(offset, angle):
 
 
 def our_boxes(offset, angle):
-    """Ours, with each pair in the place of a chain of the batch."""
-    cosine, sine = (f(angle)[:, None] for f in (jnp.cos, jnp.sin))
-    first, second = jnp.stack([cosine[0], sine[0]]), jnp.stack([cosine[1], sine[1]])
-    force, *torques = contact._box_against_box(
-        Physics(), jnp.asarray(offset)[:, None], first, second
-    )
-    return force[:, 0], *(torque[0] for torque in torques)
+    """Ours."""
+    first, second = (turned(jnp.asarray(a)) for a in angle)
+    force, *torques = contact.box_against_box(Physics(), tuple(offset), first, second)
+    return np.stack(force), *torques
 
 
 def test_two_boxes_press_on_each_other_as_in_vmas():
@@ -188,14 +186,6 @@ def step_each(contact=True):
     return jax.jit(lambda *all: jax.lax.map(lambda some: many(*some), all))
 
 
-def all_pairs(rig, units, *_):
-    """Every two units of each chain, in one list."""
-    first, second = np.triu_indices(len(units.angle), 1)
-    shape = (1, len(first), units.angle.shape[-1])
-    lists = (jnp.broadcast_to(jnp.asarray(x)[None, :, None], shape) for x in (first, second))
-    return contact.Pairs(*lists, jnp.int32(1))
-
-
 # With these seeds chains bend and joints give more than in most others.
 @pytest.mark.parametrize(
     ("num", "batch", "steps", "seeds"),
@@ -206,9 +196,6 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
 ):
     runs = [*map(violent_run(num, batch, steps), seeds)]
     recompiling(broadphase, "SLACK", 1e3)
-    recompiling(broadphase, "STRAY", 1e3)
-    recompiling(broadphase, "TURN_SLACK", 1e3)
-    recompiling(broadphase, "_near_pairs", all_pairs)
     looking, passing = step_each(), step_each(contact=False)
     touched = 0
     for before, pushes, after in runs:
@@ -234,13 +221,13 @@ def test_units_far_apart_in_the_chain_are_found_when_they_meet():
 
 def test_shapes_are_looked_at_only_when_some_units_are_near(recompiling):
     looks = []
-    narrow = contact._box_against_box
+    narrow = contact.box_against_box
 
     def counted(*args):
         jax.debug.callback(lambda: looks.append(1))
         return narrow(*args)
 
-    recompiling(contact, "_box_against_box", counted)
+    recompiling(contact, "box_against_box", counted)
     step_all = jax.jit(jax.vmap(step))
     straight = resting(*bent(np.random.default_rng(0), 20, 8, 0.1))
     jax.block_until_ready(step_all(straight, jnp.ones((20, 8))))

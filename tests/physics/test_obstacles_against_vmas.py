@@ -14,7 +14,6 @@ from salpchain.errors import InputError
 from salpchain.physics.chain import step
 from salpchain.physics.obstacles import Solids, _solid_against_unit
 from salpchain.physics.state import Physics, at_rest
-from salpchain.physics.substeps import Motion
 from salpchain.world.obstacles import check_clear, make_obstacles
 from tests.physics import vmas_chain
 from tests.physics.poses import bent
@@ -129,14 +128,13 @@ def test_a_post_presses_on_a_unit_as_in_vmas_inside_it_too(radius):
     angle = rng.uniform(-7, 7, count).astype(np.float32)
     theirs = vmas_chain.box_on_sphere(offset, angle, radius)
 
-    turn = jnp.stack([jnp.cos(angle), jnp.sin(angle)])[:, None]
-    still = jnp.broadcast_to(jnp.array([1.0, 0.0])[:, None, None], turn.shape)
-    post = Solids(jnp.asarray(offset)[:, None], still, 0 * still, jnp.full((1, count), radius))
-    at_origin = Motion(0 * turn, 0 * turn[0], 0 * turn, 0 * turn[0])
-    force, torque = _solid_against_unit(Physics(), post, at_origin, turn, False)
+    turn = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    still = jnp.broadcast_to(jnp.array([1.0, 0.0])[:, None], turn.shape)
+    post = Solids(jnp.asarray(offset), still, 0 * still, jnp.full(count, radius))
+    *force, torque = _solid_against_unit(Physics(), post, 0 * turn, turn)
     pressed = np.abs(theirs[0]).max(0) > 0
     assert 0.5 < pressed.mean() < 0.99
-    for their, our, bar in zip(theirs, (force[:, 0], torque[0]), (5e-3, 1e-4), strict=True):
+    for their, our, bar in zip(theirs, (np.stack(force), torque), (5e-3, 1e-4), strict=True):
         error = np.abs(their - np.asarray(our)).reshape(-1, count).max(0)  # N, N m
         assert np.median(error[pressed]) <= bar / 10
         assert np.mean(error > bar) <= 1e-3
