@@ -1,7 +1,7 @@
 """Geometry of two boxes: the closest points, whether they overlap, and how deep (VMAS 1.5.2).
 
-Vectors are pairs of arrays, along and across the first box, whose centre is the origin: a CPU works
-on each in one pass, where stacked coordinates would cut it into many.
+Vectors are pairs of arrays, x and y: a CPU works on each in one pass, where stacked coordinates
+would cut it into many. The first box of a pair is at the origin.
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,13 @@ class Boxes(NamedTuple):
     half: Vector
     other_half: Vector
     offset: Vector  # m, from the centre of the first to that of the other
-    turn: Vector  # cosine and sine of the angle of the other against the first
+    turn: Vector  # cosine and sine of the first box's angle
+    other_turn: Vector
 
-
-def lying(half: Vector, other_half: Vector, offset: Vector, turn: Vector, other: Vector) -> Boxes:
-    """Two boxes at an `offset` (m, world), with the cosines and sines of their angles."""
-    return Boxes(half, other_half, to_box(offset, turn), to_box(other, turn))
+    @property
+    def between(self) -> Vector:
+        """Cosine and sine of the angle of the other box against the first."""
+        return to_box(self.other_turn, self.turn)
 
 
 def repulsion(physics: Any, gap: Array) -> Array:
@@ -52,34 +53,33 @@ def closest_points(boxes: Boxes, never: Any) -> tuple[Vector, Vector]:
     for k, value in enumerate(squares[1:], 1):
         which, least = jnp.where(value < least, k, which), jnp.minimum(value, least)
     which = materialise(which, never)
-    corner = which % 4
+    corner, mine = which % 4, which < 4
     signs = jnp.where(corner < 2, 1.0, -1.0), jnp.where(corner % 3 == 0, 1.0, -1.0)
-    own, own_nearest, own_between = _corner_pair(boxes, True, *signs)
-    far, far_nearest, far_between = _corner_pair(boxes, False, *signs)
-    del own_nearest, far
-    mine = which < 4
-    here = _choose(mine, own, far_nearest)
-    between = _choose(mine, from_box(own_between, boxes.turn), far_between)
-    return materialise((here, between), never)
+    here, _, away = _corner_pair(boxes, True, *signs)
+    _, nearest, towards = _corner_pair(boxes, False, *signs)
+    here = from_box(_choose(mine, here, nearest), boxes.turn)
+    turn = _choose(mine, boxes.other_turn, boxes.turn)
+    return materialise((here, from_box(_choose(mine, away, towards), turn)), never)
 
 
 def _corner_pair(
     boxes: Boxes, mine: bool, along: Any, across: Any
 ) -> tuple[Vector, Vector, Vector]:
-    """A corner, of the first box or of the other, in that box's axes; the nearest point of the
-    other box, and the vector from the other's point to the first's, both in the axes of the box
-    whose point is the nearest."""
-    half, other_half, offset, turn = boxes
+    """A corner of the first box or of the other, in that box's axes; the nearest point of the one
+    that it is not of, and the vector to the first's point from the other's, in that one's axes."""
+    half, far = (boxes.half, boxes.other_half) if mine else (boxes.other_half, boxes.half)
+    corner = half[0] * along, half[1] * across
     if mine:
-        corner = (half[0] * along, half[1] * across)
-        there = to_box((corner[0] - offset[0], corner[1] - offset[1]), turn)
-        nearest = _clamp(other_half, there)
-        return corner, nearest, (there[0] - nearest[0], there[1] - nearest[1])
-    corner = (other_half[0] * along, other_half[1] * across)
-    out = from_box(corner, turn)
-    there = (offset[0] + out[0], offset[1] + out[1])
-    nearest = _clamp(half, there)
-    return corner, nearest, (nearest[0] - there[0], nearest[1] - there[1])
+        offset = to_box(boxes.offset, boxes.other_turn)
+        seen = to_box(corner, boxes.between)
+        place = seen[0] - offset[0], seen[1] - offset[1]
+        nearest = _clamp(far, place)
+        return corner, nearest, (place[0] - nearest[0], place[1] - nearest[1])
+    offset = to_box(boxes.offset, boxes.turn)
+    seen = from_box(corner, boxes.between)
+    place = seen[0] + offset[0], seen[1] + offset[1]
+    nearest = _clamp(far, place)
+    return corner, nearest, (nearest[0] - place[0], nearest[1] - place[1])
 
 
 def _choose(flag: Array, one: Vector, other: Vector) -> Vector:
@@ -96,21 +96,21 @@ def unit_vector(between: Vector) -> tuple[Array, Vector]:
 def overlap(boxes: Boxes) -> Bool[Array, "*pair"]:
     """Whether two boxes overlap: no side of either separates them."""
     inside: Any = True
-    for place, reach in _axes(boxes):
+    for _, place, reach in _axes(boxes):
         inside &= (jnp.abs(place[0]) < reach[0]) & (jnp.abs(place[1]) < reach[1])
     return inside
 
 
-def _axes(boxes: Boxes) -> list[tuple[Vector, Vector]]:
-    """For each box the offset in its axes (m), and how far apart (m) the centres must be along
-    either axis for the two boxes to be apart."""
-    half, other_half, offset, turn = boxes
-    cosine, sine = jnp.abs(turn[0]), jnp.abs(turn[1])
+def _axes(boxes: Boxes) -> list[tuple[Vector, Vector, Vector]]:
+    """For each box its turn, the offset in its axes (m), and how far apart (m) the centres must be
+    along either axis for the two boxes to be apart."""
+    half, other_half, offset, turn, other_turn = boxes
+    cosine, sine = (jnp.abs(part) for part in boxes.between)
     found = []
-    for place, own, far in ((offset, half, other_half), (to_box(offset, turn), other_half, half)):
+    for axes, own, far in ((turn, half, other_half), (other_turn, other_half, half)):
         along = own[0] + far[0] * cosine + far[1] * sine
         across = own[1] + far[0] * sine + far[1] * cosine
-        found.append((place, (along, across)))
+        found.append((axes, to_box(offset, axes), (along, across)))
     return found
 
 
@@ -120,14 +120,12 @@ def deepest_points(boxes: Boxes) -> tuple[Float[Array, "*pair"], Vector, Vector]
     The depth is the shortest way on which the first leaves the other: along a normal of one of
     their sides. The point is that corner of the one box which is deepest in that side of the other.
     """
-    like = boxes.turn[0]
-    depth, none = jnp.full_like(like, jnp.inf), jnp.zeros_like(like)
-    normal = point = (none, none)
-    axes = ((1.0, 0.0), (0.0, 1.0)), (boxes.turn, (-boxes.turn[1], boxes.turn[0]))
-    for mine, sides, (place, reach) in zip((True, False), axes, _axes(boxes), strict=True):
-        for k, axis in enumerate(sides):
+    none = jnp.zeros_like(boxes.turn[0])
+    depth, normal, point = jnp.full_like(none, jnp.inf), (none, none), (none, none)
+    for mine, (axes, place, reach) in zip((True, False), _axes(boxes), strict=True):
+        for k, axis in enumerate((axes, (-axes[1], axes[0]))):
             flip = jnp.where(place[k] > 0, -1.0, 1.0)
-            out = (axis[0] * flip, axis[1] * flip)
+            out = axis[0] * flip, axis[1] * flip
             here = _corner_towards(boxes, mine, out)
             way = reach[k] - jnp.abs(place[k])
             nearer = way < depth
@@ -140,13 +138,15 @@ def _corner_towards(boxes: Boxes, mine: bool, out: Vector) -> Vector:
     """The corner of the other box that is deepest in the first's side, if the side is `mine`; else
     that of the first in the other's. As a point on the first box.
     """
-    half, other_half, offset, turn = boxes
+    half, other_half, offset, turn, other_turn = boxes
     if not mine:
-        return half[0] * -_sign(out[0]), half[1] * -_sign(out[1])
-    towards = to_box(out, turn)
-    corner = from_box([other_half[k] * _sign(towards[k]) for k in (0, 1)], turn)
+        towards = to_box(out, turn)
+        return from_box([half[k] * -_sign(towards[k]) for k in (0, 1)], turn)
+    towards = to_box(out, other_turn)
+    corner = from_box([other_half[k] * _sign(towards[k]) for k in (0, 1)], other_turn)
     # where sides are parallel any point of them is as deep, and a long wall's corner is far away
-    return _clamp(half, (offset[0] + corner[0], offset[1] + corner[1]))
+    place = to_box((offset[0] + corner[0], offset[1] + corner[1]), turn)
+    return from_box(_clamp(half, place), turn)
 
 
 def _sign(x: Array) -> Array:

@@ -10,11 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.physics.boxes import (
+    Boxes,
     Vector,
     closest_points,
     cross,
-    from_box,
-    lying,
     overlap,
     repulsion,
     square,
@@ -129,11 +128,11 @@ def box_against_box(
     VMAS finds the same point twice.
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
-    boxes = lying(half, half, offset, turn, other_turn)
+    boxes = Boxes(half, half, offset, turn, other_turn)
     here, between = closest_points(boxes, never)
     gap, normal = unit_vector(between)
     acts = (gap <= physics.contact_gap) & ~overlap(boxes)
     size = jnp.where(acts, repulsion(physics, gap), 0.0)
     force = size * normal[0], size * normal[1]
-    there = tuple(here[k] - between[k] - boxes.offset[k] for k in (0, 1))
-    return from_box(force, turn), cross(here, force), -cross(there, force)
+    there = tuple(here[k] - between[k] - offset[k] for k in (0, 1))
+    return force, cross(here, force), -cross(there, force)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from salpchain.physics import boxes
-from salpchain.physics.boxes import Vector, cross, from_box, square, to_box, turned
+from salpchain.physics.boxes import Boxes, Vector, cross, square, to_box, turned
 from salpchain.physics.candidates import AWAY, Candidates, Pushes, pushed, scattered
 from salpchain.physics.substeps import Motion, Push, Rig
 from salpchain.xla import materialise
@@ -155,7 +155,7 @@ def _solid_against_unit(
     """
     half = (physics.unit_length / 2, physics.unit_width / 2)
     offset = solid.centre[0] - place[0], solid.centre[1] - place[1]
-    pair = boxes.lying(half, (solid.half[0], solid.half[1]), offset, turn, solid.turn)
+    pair = Boxes(half, (solid.half[0], solid.half[1]), offset, turn, solid.turn)
     outside, between = boxes.closest_points(pair, never)
     gap, away = boxes.unit_vector(between)
     depth, inside, out = boxes.deepest_points(pair)
@@ -165,4 +165,4 @@ def _solid_against_unit(
     here = [jnp.where(within, inside[k], outside[k]) for k in (0, 1)]
     size = jnp.where(gap <= physics.contact_gap, boxes.repulsion(physics, gap), 0.0)
     force = [size * jnp.where(within, out[k], away[k]) for k in (0, 1)]
-    return *from_box(force, turn), cross(here, force)
+    return *force, cross(here, force)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from salpchain.errors import InputError
-from salpchain.physics.boxes import Vector, closest_points, lying, overlap, turned, unit_vector
+from salpchain.physics.boxes import Boxes, Vector, closest_points, overlap, turned, unit_vector
 from salpchain.physics.obstacles import Obstacles, Posts, Solids, Walls, solids
 from salpchain.physics.state import Chain, Physics
 
@@ -156,6 +156,6 @@ def _overlapping(half: Any, place: Array, turn: Vector, there: Solids) -> np.nda
     """Which boxes and solids overlap, (body, solid): the solids take the place of a batch."""
     centre, other_turn, other_half = (x.T[:, None] for x in there[:3])
     turn = (turn[0][:, None], turn[1][:, None])
-    pair = lying(half, other_half, centre - place[:, :, None], turn, other_turn)
+    pair = Boxes(half, other_half, centre - place[:, :, None], turn, other_turn)
     gap, _ = unit_vector(closest_points(pair, False)[1])
     return np.asarray(overlap(pair) | (gap <= there.rim))
