@@ -27,11 +27,6 @@ class Boxes(NamedTuple):
     turn: Vector  # cosine and sine of the first box's angle
     other_turn: Vector
 
-    @property
-    def between(self) -> Vector:
-        """Cosine and sine of the angle of the other box against the first."""
-        return to_box(self.other_turn, self.turn)
-
 
 def repulsion(physics: Any, gap: Array) -> Array:
     """Size (N) of the force between two surfaces that are this far (m) apart, and nearer than the
@@ -48,38 +43,34 @@ def closest_points(boxes: Boxes, never: Any) -> tuple[Vector, Vector]:
     the eight counts. Which one that is, is found first: with all eight at hand a CPU would work
     each out anew for every number that is needed of the closest.
     """
-    squares = [square(_corner_pair(boxes, k // 4 == 0, *SIGNS[k % 4])[2]) for k in range(8)]
+    squares = [square(_corner_pair(boxes, k // 4 == 0, *SIGNS[k % 4])[1]) for k in range(8)]
     least, which = squares[0], jnp.zeros(squares[0].shape, jnp.int32)
     for k, value in enumerate(squares[1:], 1):
         which, least = jnp.where(value < least, k, which), jnp.minimum(value, least)
     which = materialise(which, never)
     corner, mine = which % 4, which < 4
     signs = jnp.where(corner < 2, 1.0, -1.0), jnp.where(corner % 3 == 0, 1.0, -1.0)
-    here, _, away = _corner_pair(boxes, True, *signs)
-    _, nearest, towards = _corner_pair(boxes, False, *signs)
-    here = from_box(_choose(mine, here, nearest), boxes.turn)
-    turn = _choose(mine, boxes.other_turn, boxes.turn)
-    return materialise((here, from_box(_choose(mine, away, towards), turn)), never)
+    own, far = (_corner_pair(boxes, of_first, *signs) for of_first in (True, False))
+    here, between = (_choose(mine, *pair) for pair in zip(own, far, strict=True))
+    return materialise((here, between), never)
 
 
-def _corner_pair(
-    boxes: Boxes, mine: bool, along: Any, across: Any
-) -> tuple[Vector, Vector, Vector]:
-    """A corner of the first box or of the other, in that box's axes; the nearest point of the one
-    that it is not of, and the vector to the first's point from the other's, in that one's axes."""
-    half, far = (boxes.half, boxes.other_half) if mine else (boxes.other_half, boxes.half)
-    corner = half[0] * along, half[1] * across
+def _corner_pair(boxes: Boxes, mine: bool, along: Any, across: Any) -> tuple[Vector, Vector]:
+    """A corner, of the first box or of the other, and the nearest point of the other box.
+
+    Given as the point on the first box and the vector to it from the point on the other.
+    """
+    half, other_half, offset, turn, other_turn = boxes
     if mine:
-        offset = to_box(boxes.offset, boxes.other_turn)
-        seen = to_box(corner, boxes.between)
-        place = seen[0] - offset[0], seen[1] - offset[1]
-        nearest = _clamp(far, place)
-        return corner, nearest, (place[0] - nearest[0], place[1] - nearest[1])
-    offset = to_box(boxes.offset, boxes.turn)
-    seen = from_box(corner, boxes.between)
-    place = seen[0] + offset[0], seen[1] + offset[1]
-    nearest = _clamp(far, place)
-    return corner, nearest, (nearest[0] - place[0], nearest[1] - place[1])
+        here = from_box((half[0] * along, half[1] * across), turn)
+        place = here[0] - offset[0], here[1] - offset[1]
+        nearest = from_box(_clamp(other_half, to_box(place, other_turn)), other_turn)
+        there = offset[0] + nearest[0], offset[1] + nearest[1]
+    else:
+        corner = from_box((other_half[0] * along, other_half[1] * across), other_turn)
+        there = offset[0] + corner[0], offset[1] + corner[1]
+        here = from_box(_clamp(half, to_box(there, turn)), turn)
+    return here, (here[0] - there[0], here[1] - there[1])
 
 
 def _choose(flag: Array, one: Vector, other: Vector) -> Vector:
@@ -105,7 +96,8 @@ def _axes(boxes: Boxes) -> list[tuple[Vector, Vector, Vector]]:
     """For each box its turn, the offset in its axes (m), and how far apart (m) the centres must be
     along either axis for the two boxes to be apart."""
     half, other_half, offset, turn, other_turn = boxes
-    cosine, sine = (jnp.abs(part) for part in boxes.between)
+    cosine = jnp.abs(turn[0] * other_turn[0] + turn[1] * other_turn[1])
+    sine = jnp.abs(turn[0] * other_turn[1] - turn[1] * other_turn[0])
     found = []
     for axes, own, far in ((turn, half, other_half), (other_turn, other_half, half)):
         along = own[0] + far[0] * cosine + far[1] * sine
