@@ -28,7 +28,7 @@ WAY = [
     ("salpchain.world.thrusters:Thrusters.thrust", "gain, lag, dead thrusters"),
     ("salpchain.world.world:World.step", "current, walls and posts"),
     ("salpchain.physics.chain:step", "one chain, vmapped into one call for the batch"),
-    ("salpchain.physics.broadphase:advance", "which units may touch"),
+    ("salpchain.physics.broadphase:far_pairs", "which units may touch"),
     ("salpchain.physics.substeps:run_substeps", "joints, drag, contact, semi-implicit Euler"),
     ("salpchain.tasks.task:Task.move", "where the target is now"),
     ("salpchain.tasks.task:Task.judge", "the terms of the reward, and whether it ends"),

@@ -14,6 +14,7 @@ from salpchain.physics.candidates import AWAY, Candidates, listed, marked, scatt
 from salpchain.physics.contact import once, touching_distance
 from salpchain.physics.obstacles import distance_squared_beyond
 from salpchain.physics.substeps import Motion, Rig
+from salpchain.xla import materialise
 
 # How much closer two units may come in one control step, beyond what their speeds bring them
 # (chosen; a test compares with all pairs): full thrust moves a free unit by 1 cm.
@@ -33,26 +34,25 @@ def far_pairs(rig: Rig, units: Motion) -> Candidates | None:
     most = num // 2
     if most == 1:
         return None
-    way = units.velocity * rig.physics.control_step
-    state = jnp.concatenate([scattered(rig.present, units.position), way])
-    twice = jnp.concatenate([state, state], axis=1)
+    speed = jnp.where(rig.present, jnp.sqrt(square(units.velocity)), 0.0)
+    way = speed * rig.physics.control_step
+    circles = jnp.concatenate([scattered(rig.present, units.position), way[None]])
+    twice = jnp.concatenate([circles, circles], axis=1)
     reach = touching_distance(rig.physics) + SLACK
     unit = jnp.arange(num)[:, None]
+    never = rig.present[0].sum() < 0
 
     def near(other: Any) -> Bool[Array, "unit batch"]:
         onward = jax.lax.dynamic_slice_in_dim(twice, other + 1, num, axis=1)
-        closing = jnp.sqrt(square(onward[2:] - state[2:]))
-        if rig.obstacles is not None:  # they may turn one of the two round
-            closing = jnp.sqrt(square(onward[2:])) + jnp.sqrt(square(state[2:]))
-        inside = square(onward[:2] - state[:2]) < (reach + closing) ** 2
-        return inside & once(num, unit, other + 1)
+        inside = square(onward[:2] - circles[:2]) < (reach + onward[2] + way) ** 2
+        return materialise(inside & once(num, unit, other + 1), never)
 
     words = [marked(near, range(1, min(most, AROUND)))]
     if most > AROUND:
         far = jax.eval_shape(lambda: marked(near, range(AROUND, most)))
         words.append(
             jax.lax.cond(
-                _far_units_near(rig, state),
+                _far_units_near(rig, circles, reach),
                 lambda: marked(near, range(AROUND, most)),
                 lambda: jnp.zeros(far.shape, far.dtype),
             )
@@ -60,14 +60,13 @@ def far_pairs(rig: Rig, units: Motion) -> Candidates | None:
     return listed(jnp.concatenate(words), num, 1)
 
 
-def _far_units_near(rig: Rig, state: Float[Array, "4 unit batch"]) -> Bool[Array, ""]:
-    """Whether any units that are two blocks apart or more, counted round, may touch.
+def _far_units_near(rig: Rig, units: Float[Array, "3 unit batch"], reach: Any) -> Bool[Array, ""]:
+    """Whether the circles (m; centre and radius) of any units that are two blocks apart or more,
+    counted round, come within reach of each other.
 
     The bounding circles of blocks of neighbouring units are looked at.
     """
-    place, way = state[:2], jnp.where(rig.present, jnp.sqrt(square(state[2:])), 0.0)
-    centre, radius = _blocks(place, rig.present, way)
-    reach = touching_distance(rig.physics) + SLACK
+    centre, radius = _blocks(units[:2], rig.present, units[2])
     num, batch = radius.shape
     circles = jnp.concatenate([centre, radius[None]])
     twice = jnp.concatenate([circles, circles], axis=1)
@@ -85,7 +84,7 @@ def _blocks(
     present: Bool[Array, "unit batch"],
     way: Float[Array, "unit batch"],
 ) -> tuple[Float[Array, "2 block batch"], Float[Array, "block batch"]]:
-    """Bounding circles of each block's present units and of their way in this control step (m); the
+    """Bounding circles of each block's present units, that go a way (m) in this control step; the
     radius is -inf where there are none."""
     num, batch = present.shape
     rows = jnp.arange(-(-num // BLOCK) * BLOCK)

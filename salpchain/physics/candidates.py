@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, UInt32
 
+from salpchain.errors import InputError
 from salpchain.xla import materialise, on_cpu
 
 AWAY = 1e4  # m, where what is not there is put (chosen)
@@ -19,7 +20,7 @@ WORD = 32  # bits
 UNROLLED = 8  # so many others are looked at without a loop (chosen)
 MOST = 8  # candidates for each unit that the list has room for (chosen)
 CHUNK = 8  # candidates gone through at once, as a part of the batch's units (chosen)
-LEAST, MOST_AT_ONCE = 32, 1024  # but no fewer, and on a CPU no more than these (chosen)
+LEAST, MOST_AT_ONCE = 32, 128  # but no fewer, and on a CPU no more than these (chosen)
 
 Words = UInt32[Array, "other part batch"]
 # For units of the whole batch (unit * batch + chain) what they are given: force (N, x and y) and
@@ -73,8 +74,17 @@ def packed(near: Bool[Array, "unit batch"]) -> UInt32[Array, "part batch"]:
 
 
 def listed(words: Words, num: int, first: int = 0) -> Candidates:
-    """The candidates whose bits are set; the others are counted from `first` on."""
+    """The candidates whose bits are set; the others are counted from `first` on.
+
+    Raises:
+        InputError: more pairs than numbers of 32 bits can tell apart.
+    """
     others, parts, batch = words.shape
+    if (first + others) * num * batch >= 2**31:
+        raise InputError(
+            f"{batch} chains of {num} units are too many at once: fewer than"
+            f" {2**31 // ((first + others) * num)} of them may step together"
+        )
     room = min(others, MOST) * num * batch
     if not on_cpu():
         bits = (words[:, :, None] >> jnp.arange(WORD, dtype=jnp.uint32)[:, None]) & 1

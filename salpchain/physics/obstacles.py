@@ -164,5 +164,5 @@ def _solid_against_unit(
     gap = jnp.where(within, -inner, gap) - solid.rim
     here = [jnp.where(within, inside[k], outside[k]) for k in (0, 1)]
     size = jnp.where(gap <= physics.contact_gap, boxes.repulsion(physics, gap), 0.0)
-    force = [size * jnp.where(within, out[k], away[k]) for k in (0, 1)]
-    return *force, cross(here, force)
+    force = tuple(size * jnp.where(within, out[k], away[k]) for k in (0, 1))
+    return force[0], force[1], cross(here, force)

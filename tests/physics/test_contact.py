@@ -10,11 +10,11 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.physics import batching, broadphase, contact
+from salpchain.physics import batching, broadphase, candidates, contact
 from salpchain.physics.boxes import turned
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
-from tests.physics.poses import bent, largest_difference, resting
+from tests.physics.poses import along, bent, largest_difference, resting, thrusts
 
 GAP = 4 / 600  # m, VMAS's LINE_MIN_DIST: boxes closer than this repel
 
@@ -204,6 +204,31 @@ def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
         touched += np.count_nonzero(effect.max((2, 3)) > 1e-4)
         assert largest_difference(after.units.position, expected) <= 1e-5
     assert touched >= 10
+
+
+def crowd(num, batch):
+    """Chains rolled up: each unit near many others."""
+    turns = np.linspace(0.9, 0.5, num - 1)[None].repeat(batch, 0)
+    turns[:, 0] += np.linspace(0, 3, batch)
+    return resting(*along(np.cumsum(turns, 1)))
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "value"),
+    [
+        (candidates, "MOST", 1),  # for each unit: too little room in the list
+        (candidates, "on_cpu", lambda: False),  # as on an accelerator
+    ],
+)
+def test_other_ways_to_the_same_forces(recompiling, module, name, value):
+    chains, push = crowd(20, 12), thrusts(np.random.default_rng(0), 12, 20)
+    expected = jax.jit(jax.vmap(step))(chains, push)
+    passing = jax.jit(jax.vmap(functools.partial(step, contact=False)))(chains, push)
+    assert largest_difference(expected.units.position, passing.units.position) > 1e-3
+    recompiling(module, name, value)
+    other = jax.jit(jax.vmap(step))(chains, push)
+    assert largest_difference(other, expected) <= 1e-5
+    assert bool((other.touching == expected.touching).all())
 
 
 def test_units_far_apart_in_the_chain_are_found_when_they_meet():
