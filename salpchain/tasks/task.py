@@ -6,6 +6,7 @@ for one chain and batched with `jax.vmap`.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -156,6 +157,9 @@ class Task(eqx.Module):
         length = slots if length is None else length
         check_key(key)
         check_number(length, slots)
+        return _in_one_program(Task._reset, self, key, length)
+
+    def _reset(self, key: PRNGKeyArray, length: int | Array) -> State:
         draw_key, next_key = jr.split(key)
         world = self._draw_world(key, length)
         begun = self.begin(key, draw_key, length, world.dynamics)
@@ -180,6 +184,9 @@ class Task(eqx.Module):
         check_chain(chain, self.config.length)
         target = checked_vectors("the target", target, like=chain.units.position)
         check_key(key, "start")
+        return _in_one_program(Task._begun, self, chain, target, key)
+
+    def _begun(self, chain: Chain, target: Array, key: PRNGKeyArray) -> State:
         world = self._draw_world(key, chain.present.sum())
         return self._start(chain, target, key, world, None)
 
@@ -225,6 +232,9 @@ class Task(eqx.Module):
         check_can_compute()
         check_state(state, "step", self.config.length)
         action = checked_action(action, self._action_shape, state.chain.units.angle)
+        return _in_one_program(Task._step, self, state, action)
+
+    def _step(self, state: State, action: Float[Array, "unit act"]) -> State:
         world, senses, time = self.world_of(state), state.senses, state.time + 1
         invalid, moving = _find_invalid(None, action, state.chain.present)
         action, senses = _given(world, senses, action, moving, state.time)
@@ -323,6 +333,16 @@ class Task(eqx.Module):
         if self.config.time_limit == "fixed":
             return FIXED_LIMIT
         return jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)
+
+
+_filter_jit: Any = eqx.filter_jit  # whose types leave out what it passes on to `jax.jit`
+
+
+@partial(_filter_jit, inline=True)
+def _in_one_program(method: Any, *args: Any) -> Any:
+    """What the method gives; called outside `jax.jit` it is compiled as a whole, where each of its
+    operations would be by itself. Within it is as if it were called."""
+    return method(*args)
 
 
 @over_the_batch
