@@ -3,9 +3,9 @@
 python -m benchmarks.swims [--ours] [--name NAME] [--overwrite]
 
 `swims`: 64 chains swim for a while; then the next 100 control steps, the controller's own part
-included, are timed with contact and, from the same states, without, in turn. `vmas`: from the
-states of swims, each engine under the thrust of that moment, held: ours as the whole environment
-step, VMAS its `World.step` alone, each at its best batch size.
+included, are timed with contact and, from the same states, without, in turn. `batches`: from states
+of swims at other lengths, the whole environment step without a controller, and VMAS's `World.step`
+alone. `at_best`: the ratio of the two, each at its best batch size.
 """
 
 import argparse
@@ -31,7 +31,11 @@ from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
 
 CHAINS, STEPS, REPEATS = 64, 100, 7
-BATCHES, VMAS_STEPS = (16, 64, 256, 1024), 3
+BATCHES = (16, 64, 256, 1024)
+SEEN = ((8, 60), (16, 150), (32, 300), (64, 600), (128, 1000), (256, 2000))  # units, steps before
+BETWEEN = 20  # control steps between the states that are taken of a swim
+HELD = 3  # control steps under one thrust
+VMAS_UNITS = 2**15  # VMAS needs minutes for more
 
 
 class Swim(NamedTuple):
@@ -120,30 +124,47 @@ def _seconds(run: Any, states: State) -> float:
     return time.perf_counter() - started
 
 
-def beside_vmas(controller: str, length: int, before: int) -> dict[str, Any]:
-    """Chain-steps per second of both engines from the same states, each at its best batch size."""
-    from benchmarks.vmas_world import steps_per_second_from
+def seen(controller: str, length: int, before: int) -> tuple[Task, State, Array]:
+    """States of swims, as many as the largest batch, and the actions in them.
 
+    64 chains swim; they are taken at 16 times, `BETWEEN` control steps apart.
+    """
     task, _, drive = tasks(Swim(controller, length, before))
     swim = eqx.filter_jit(lambda states, steps: swum(task, drive, states, steps)[0])
-    ours, theirs = {}, {}
+    states = jax.jit(jax.vmap(task.reset))(jr.split(jr.key(0), CHAINS))
+    taken = [swim(states, jnp.int32(before))]
+    while len(taken) * CHAINS < BATCHES[-1]:
+        taken.append(swim(taken[-1], jnp.int32(BETWEEN)))
+    every = jax.tree.map(lambda *x: jnp.concatenate(x), *taken)
+    return task, every, jax.jit(jax.vmap(drive))(every, jr.split(jr.key(2), BATCHES[-1]))
+
+
+def compared(controller: str, length: int, before: int, vmas: bool) -> Iterator[dict[str, Any]]:
+    """For each batch size, chain-steps per second of the environment step with contact and without,
+    and of VMAS's `World.step`, from the same states under the thrust of that moment, held."""
+    task, every, actions = seen(controller, length, before)
+    passing = type(task)(replace(task.config, contact=False))
     for chains in BATCHES:
-        states = jax.jit(jax.vmap(task.reset))(jr.split(jr.key(0), chains))
-        states = swim(states, jnp.int32(before))
-        action = jax.jit(jax.vmap(drive))(states, jr.split(jr.key(2), chains))
-        ours[chains] = _environment_rate(task, states, action)
-        theirs[chains] = steps_per_second_from(states.chain, action[..., 0], VMAS_STEPS)
-    best = {name: max(rates, key=rates.__getitem__) for name, rates in (("o", ours), ("v", theirs))}
-    fast, slow = ours[best["o"]], theirs[best["v"]]
-    return {
-        **Swim(controller, length, before)._asdict(),
-        "chains": best["o"],
-        "environment_steps_per_second": fast,
-        "vmas_chains": best["v"],
-        "vmas_world_steps_per_second": slow,
-        "ratio": fast / slow,
-        "same_batch_ratios": {chains: ours[chains] / theirs[chains] for chains in BATCHES},
-    }
+        # those of one moment first; then others of the same chains
+        states, action = jax.tree.map(lambda x, n=chains: x[:n], (every, actions))
+        row = {**Swim(controller, length, before)._asdict(), "chains": chains}
+        row["with_contact"] = _environment_rate(task, states, action)
+        row["without"] = _environment_rate(passing, states, action)
+        if vmas and chains * length <= VMAS_UNITS:
+            from benchmarks.vmas_world import steps_per_second_from
+
+            rate = steps_per_second_from(states.chain, action[..., 0], HELD)
+            row["vmas_world"], row["ratio"] = rate, row["with_contact"] / rate
+        yield row
+
+
+def at_best(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """How many times as fast ours is as VMAS, each at its best batch size."""
+    ours = max(rows, key=lambda row: row["with_contact"])
+    theirs = max(rows, key=lambda row: row.get("vmas_world", 0.0))
+    ratio = ours["with_contact"] / theirs["vmas_world"]
+    named = {name: ours[name] for name in Swim._fields}
+    return {**named, "chains": ours["chains"], "vmas_chains": theirs["chains"], "ratio": ratio}
 
 
 def _environment_rate(task: Task, states: State, action: Array) -> float:
@@ -152,22 +173,26 @@ def _environment_rate(task: Task, states: State, action: Array) -> float:
         move = jax.vmap(task.step)
         return jax.lax.fori_loop(0, steps, lambda _, moved: move(moved, action), states)
 
-    jax.block_until_ready(run(states, jnp.int32(VMAS_STEPS)))
+    jax.block_until_ready(run(states, jnp.int32(HELD)))
     rates = []
     for _ in range(REPEATS):
         started = time.perf_counter()
-        jax.block_until_ready(run(states, jnp.int32(VMAS_STEPS)))
-        rates.append(len(action) * VMAS_STEPS / (time.perf_counter() - started))
+        jax.block_until_ready(run(states, jnp.int32(HELD)))
+        rates.append(len(action) * HELD / (time.perf_counter() - started))
     return statistics.median(rates)
 
 
-def rows(vmas: bool) -> Iterator[tuple[str, dict[str, Any]]]:
+def parts(vmas: bool) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every comparison, with the name of its list, as it is made."""
     yield from (("swims", timed(swim)) for swim in SWIMS)
-    if vmas:
-        for length, before in ((8, 60), (64, 600)):
-            for controller in ("any-length", "greedy", "random"):
-                yield "vmas", beside_vmas(controller, length, before)
+    for length, before in SEEN:
+        for controller in ("any-length", "greedy", "random"):
+            rows = []
+            for row in compared(controller, length, before, vmas):
+                rows.append(row)
+                yield "batches", row
+            if vmas:
+                yield "at_best", at_best(rows)
 
 
 def main() -> None:
@@ -179,7 +204,7 @@ def main() -> None:
     devices = use_devices()
     path, record = begun("swims", options, ours=options.ours)
     record["devices"] = devices
-    for part, row in rows(not options.ours):
+    for part, row in parts(not options.ours):
         print(f"{part}: {json.dumps(row)}", flush=True)
         record[part] = [*record.get(part, []), row]
         write_json(path, record)  # after each, so that a run cut short leaves what it saw
