@@ -115,7 +115,7 @@ def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Lo
     push = pusher(units)
 
     def pushed() -> tuple[Load, Array]:
-        more = push.load()
+        more = push.load().astype(units.angle.dtype)
         by = (more[:2] != 0).any(axis=(0, 1))
         return Load(load.force + more[:2], load.torque + more[2]), flag | by
 
