@@ -1,6 +1,6 @@
 """Speed in real swims: chains as controllers leave them, with contact and without, beside VMAS.
 
-python -m benchmarks.swims [--ours] [--name NAME] [--overwrite]
+python -m benchmarks.swims [--quick] [--ours] [--name NAME] [--overwrite]
 
 `swims`: 64 chains swim for a while; then the next 100 control steps, the controller's own part
 included, are timed with contact and, from the same states, without, in turn. `batches`: from states
@@ -63,11 +63,7 @@ Drive = Callable[[State, Array], Array]  # the action of one chain in this step
 def driven(name: str) -> tuple[str, str, Drive]:
     """What a controller observes, its actions' name, and its actions; `random` draws thrusts."""
     if name == "random":
-        return (
-            "body",
-            "thrust",
-            lambda state, key: jr.uniform(key, (state.thrust.size, 1), minval=-1),
-        )
+        return "body", "thrust", _random
     controller: Controller = salpchain.load(name)
     return controller.card.observation, controller.card.action, lambda s, _: controller.act(s)
 
@@ -182,10 +178,10 @@ def _environment_rate(task: Task, states: State, action: Array) -> float:
     return statistics.median(rates)
 
 
-def parts(vmas: bool) -> Iterator[tuple[str, dict[str, Any]]]:
+def parts(quick: bool, vmas: bool) -> Iterator[tuple[str, dict[str, Any]]]:
     """Every comparison, with the name of its list, as it is made."""
     yield from (("swims", timed(swim)) for swim in SWIMS)
-    for length, before in SEEN:
+    for length, before in () if quick else SEEN:
         for controller in ("any-length", "greedy", "random"):
             rows = []
             for row in compared(controller, length, before, vmas):
@@ -198,13 +194,14 @@ def parts(vmas: bool) -> Iterator[tuple[str, dict[str, Any]]]:
 def main() -> None:
     """Runs all comparisons, prints and writes them."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="the swims alone")
     parser.add_argument("--ours", action="store_true", help="without VMAS")
     add_options(parser)
     options = parser.parse_args()
     devices = use_devices()
-    path, record = begun("swims", options, ours=options.ours)
+    path, record = begun("swims", options, quick=options.quick, ours=options.ours)
     record["devices"] = devices
-    for part, row in parts(not options.ours):
+    for part, row in parts(options.quick, not options.ours):
         print(f"{part}: {json.dumps(row)}", flush=True)
         record[part] = [*record.get(part, []), row]
         write_json(path, record)  # after each, so that a run cut short leaves what it saw

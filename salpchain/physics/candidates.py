@@ -115,8 +115,11 @@ def _put(array: Array, value: Array, at: Array) -> Array:
     return jax.lax.dynamic_update_index_in_dim(array, value, at, 0)
 
 
-def pushed(lists: Sequence[Candidates], exert: Exert, size: int) -> list[Float[Array, " unit"]]:
-    """Force (N, x and y) and torque (N m) on each of the batch's `size` units by all candidates."""
+def pushed(
+    lists: Sequence[Candidates], exert: Exert, num: int, batch: int
+) -> Float[Array, "3 unit batch"]:
+    """Force (N, x and y) and torque (N m) on every unit, by all candidates."""
+    size = num * batch
     chunk = max(size // CHUNK, LEAST)
     chunk = min(chunk, MOST_AT_ONCE) if on_cpu() else chunk
     ends = jnp.cumsum(jnp.stack([some.tried(size) for some in lists]))
@@ -131,7 +134,8 @@ def pushed(lists: Sequence[Candidates], exert: Exert, size: int) -> list[Float[A
         pushes = materialise(exert(unit, other, slot < ends[-1], never), never)
         return _sum(totals, pushes, jnp.minimum(chunk, ends[-1] - index * chunk))
 
-    return jax.lax.fori_loop(0, -(-ends[-1] // chunk), add, [jnp.zeros(size)] * 3)
+    totals = jax.lax.fori_loop(0, -(-ends[-1] // chunk), add, [jnp.zeros(size)] * 3)
+    return jnp.stack(totals).reshape(3, num, batch)
 
 
 def _sum(totals: list[Array], pushes: Pushes, filled: Array) -> list[Array]:
@@ -155,6 +159,11 @@ def _sum(totals: list[Array], pushes: Pushes, filled: Array) -> list[Array]:
         return totals
 
     return jax.lax.fori_loop(0, filled, one, totals)
+
+
+def of_each(constants: Any, chain: Int[Array, " candidate"]) -> Any:
+    """Constants, those that differ between chains as they are for each candidate."""
+    return jax.tree.map(lambda x: x[chain] if jnp.ndim(x) else x, constants)
 
 
 def scattered(

@@ -57,7 +57,7 @@ def _stepped(
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
-    pushers = (_every_pusher if differentiable else _near_pushers)(rig, units, contact)
+    pushers = (_all_pushers if differentiable else _near_pushers)(rig, units, contact)
     moved = run_substeps(rig, units, links, Load(push, jnp.zeros_like(units.angle)), *pushers)
     flags = [moved.touching]
     if chain.blocked is not None:
@@ -80,7 +80,7 @@ def _near_pushers(rig: Rig, units: Motion, contact: bool) -> Pushers:
     return others, obstacles
 
 
-def _every_pusher(rig: Rig, units: Motion, contact: bool) -> Pushers:
+def _all_pushers(rig: Rig, units: Motion, contact: bool) -> Pushers:
     """The same without loops of unknown length, so that it can be differentiated backwards too."""
     others = partial(among_all_units, rig) if contact and len(units.angle) > 1 else None
     return others, None if rig.obstacles is None else partial(every_obstruction, rig)

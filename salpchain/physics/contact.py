@@ -25,6 +25,7 @@ from salpchain.physics.candidates import (
     Exert,
     Pushes,
     listed,
+    of_each,
     packed,
     pushed,
     scattered,
@@ -58,8 +59,7 @@ def among_units(rig: Rig, far: Candidates | None, units: Motion) -> Push:
     def load() -> Float[Array, "3 unit batch"]:
         lists = [listed(packed(near)[None], num)]
         lists += [] if far is None else [far]
-        totals = pushed(lists, exerted(rig, place, units.angle), num * batch)
-        return jnp.stack(totals).reshape(3, num, batch)
+        return pushed(lists, exerted(rig, place, units.angle), num, batch)
 
     ever = near.any() if far is None else near.any() | (far.count > 0)
     return Push(ever, load)
@@ -82,7 +82,7 @@ def exerted(
         offset, turn, other_turn = materialise(
             (offset, turned(angle[first]), turned(angle[second])), never
         )
-        physics = jax.tree.map(lambda c: c[first % batch] if jnp.ndim(c) else c, rig.physics)
+        physics = of_each(rig.physics, first % batch)
         valid &= square(offset) <= touching_distance(physics) ** 2
         force, one, two = box_against_box(physics, offset, turn, other_turn, never)
         push = [jnp.where(valid, value, 0.0) for value in (*force, one, two)]

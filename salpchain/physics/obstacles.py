@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from salpchain.physics import boxes
 from salpchain.physics.boxes import Boxes, Vector, cross, square, to_box, turned
-from salpchain.physics.candidates import AWAY, Candidates, Pushes, pushed, scattered
+from salpchain.physics.candidates import AWAY, Candidates, Pushes, of_each, pushed, scattered
 from salpchain.physics.substeps import Motion, Push, Rig
 from salpchain.xla import materialise
 
@@ -109,7 +109,7 @@ def obstruction(rig: Rig, near: Candidates, units: Motion) -> Push:
 
     def exert(unit: Array, other: Array, valid: Array, never: Array) -> Pushes:
         chain = unit % batch
-        physics = jax.tree.map(lambda c: c[chain] if jnp.ndim(c) else c, rig.physics)
+        physics = of_each(rig.physics, chain)
         one = jax.tree.map(lambda s: jnp.moveaxis(s[other, ..., chain], 0, -1), rig.obstacles)
         place, turn, one = materialise(((x[unit], y[unit]), turned(angle[unit]), one), never)
         valid &= _circles_meet(physics, one, place)
@@ -117,7 +117,7 @@ def obstruction(rig: Rig, near: Candidates, units: Motion) -> Push:
         return [(unit, [jnp.where(valid, value, 0.0) for value in push])]
 
     def load() -> Float[Array, "3 unit batch"]:
-        return jnp.stack(pushed([near], exert, num * batch)).reshape(3, num, batch)
+        return pushed([near], exert, num, batch)
 
     return Push(near.count > 0, load)
 

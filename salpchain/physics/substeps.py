@@ -111,7 +111,6 @@ def run_substeps(
 
 def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Load, Any]:
     """The load with what the pusher adds, and the flag of chains that it has pushed so far."""
-
     push = pusher(units)
 
     def pushed() -> tuple[Load, Array]:

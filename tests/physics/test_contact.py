@@ -10,7 +10,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.physics import batching, broadphase, candidates, contact
+from salpchain.physics import broadphase, candidates, contact
 from salpchain.physics.boxes import turned
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
@@ -133,26 +133,6 @@ def test_without_contact_units_pass_through_each_other():
     for _ in range(10):
         chain = step_through(chain, jnp.array([1.0, -1.0]))
     assert chain.units.position[0, 1] > chain.units.position[1, 1]
-
-
-def forget_compiled():
-    """What was compiled holds the old constants."""
-    jax.clear_caches()
-    batching._for_one.cache_clear()
-    batching._for_many.cache_clear()
-
-
-@pytest.fixture
-def recompiling(monkeypatch):
-    """A function that sets a constant of a module for all that is compiled from now on."""
-
-    def change(module, name, value):
-        forget_compiled()
-        monkeypatch.setattr(module, name, value)
-
-    yield change
-    monkeypatch.undo()
-    forget_compiled()
 
 
 def violent_run(num, batch, steps):

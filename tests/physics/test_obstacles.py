@@ -10,7 +10,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from salpchain.physics import batching, broadphase, chain
+from salpchain.physics import broadphase, chain
 from salpchain.physics.chain import step
 from salpchain.physics.state import at_rest
 from salpchain.world.obstacles import make_obstacles, room
@@ -135,24 +135,6 @@ def test_without_obstacles_nothing_of_them_is_traced(monkeypatch):
     jax.grad(lambda push: step(one, push).units.position.sum())(jnp.ones(5))
     with pytest.raises(AssertionError, match="traced"):
         step(one, jnp.ones(5), obstacles=ROOM)
-
-
-@pytest.fixture
-def recompiling(monkeypatch):
-    """A function that sets a constant of a module for all that is compiled from now on."""
-
-    def forget():
-        jax.clear_caches()
-        batching._for_one.cache_clear()
-        batching._for_many.cache_clear()
-
-    def change(module, name, value):
-        forget()
-        monkeypatch.setattr(module, name, value)
-
-    yield change
-    monkeypatch.undo()
-    forget()
 
 
 @pytest.mark.parametrize(("num", "batch", "steps"), [(8, 100, 100), (17, 30, 150)])
