@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float, Int
 
 from salpchain.physics import derivatives
@@ -157,18 +158,37 @@ class ChainView(View):
 
         1 - distance / `SENSED` long: nothing from `SENSED` on.
         """
-        present, slot = self.chain.present, _indices(self.angle)
-        joined = jnp.concatenate([self.chain.joined, jnp.zeros_like(present[:1])])
-        follows = (slot == slot[:, None] + 1) & joined[:, None]
-        precedes = (slot + 1 == slot[:, None]) & joined
-        other = present & present[:, None] & (slot != slot[:, None]) & ~follows & ~precedes
-        x, y = (row - row[:, None] for row in self.position)
-        square = jnp.where(other, x**2 + y**2, jnp.inf)
-        least = square.min(axis=1)
-        chosen = jnp.where(other & (square <= least[:, None]), 1.0, 0.0)
-        apart = jnp.maximum(derivatives.root(least), 1e-6)
-        share = jnp.maximum(1 / apart - 1 / SENSED, 0.0) / jnp.maximum(chosen.sum(axis=1), 1)
-        return (chosen * x).sum(axis=1) * share, (chosen * y).sum(axis=1) * share
+        x, y, equal, square = self._nearest()
+        apart = jnp.maximum(derivatives.root(square), 1e-6)
+        share = jnp.maximum(1 / apart - 1 / SENSED, 0.0) / jnp.maximum(equal, 1)
+        return x * share, y * share
+
+    def _nearest(self) -> tuple[Row, Row, Row, Row]:
+        """Offsets (m) of each unit to the nearest that are no neighbours and equally far: their
+        sum, their number, and the square of their length, which is infinite where there is none.
+
+        All units `shift` places on are looked at in turn, so that no array holds all pairs.
+        """
+        here, (x, y) = self.chain.present, self.position
+        joined = jnp.concatenate([self.chain.joined, jnp.zeros_like(here[:1])])
+        twice = [jnp.concatenate([row, row]) for row in (x, y, here, joined)]
+
+        def look(shift: Array, found: tuple[Row, Row, Row, Row]) -> tuple[Row, Row, Row, Row]:
+            there = [lax.dynamic_slice_in_dim(row, shift, len(here)) for row in twice]
+            neighbour = ((shift == 1) & joined) | ((shift == len(here) - 1) & there[3])
+            offset = there[0] - x, there[1] - y
+            square = offset[0] ** 2 + offset[1] ** 2
+            square = jnp.where(here & there[2] & ~neighbour, square, jnp.inf)
+            *kept, least = found
+            equal = jnp.where((square <= least) & (square < jnp.inf), 1.0, 0.0)
+            sums = (
+                jnp.where(square < least, 0.0, old) + equal * new
+                for old, new in zip(kept, (*offset, 1.0), strict=True)
+            )
+            return (*sums, jnp.minimum(least, square))  # type: ignore[return-value]
+
+        none = jnp.zeros_like(x)
+        return lax.fori_loop(1, len(here), look, (none, none, none, none + jnp.inf))
 
     def bearing(self, vector: Pair) -> Row:
         """Angle of a neighbour from the unit's own angle (rad, wrapped); 0 where there is none."""
