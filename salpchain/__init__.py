@@ -56,6 +56,7 @@ _PUBLIC = {
     "train": "salpchain.training.trainer",
     "resume": "salpchain.training.trainer",
     "evaluate": "salpchain.evaluation.evaluate",
+    "run_suite": "salpchain.evaluation.suite",
     "Trajectory": "salpchain.evaluation.trajectory",
     "record": "salpchain.evaluation.recording",
     "InputError": "salpchain.errors",
@@ -79,6 +80,7 @@ if TYPE_CHECKING:  # the same names, where editors and type checkers look for th
     from salpchain.errors import InputError as InputError
     from salpchain.evaluation.evaluate import evaluate as evaluate
     from salpchain.evaluation.recording import record as record
+    from salpchain.evaluation.suite import run_suite as run_suite
     from salpchain.evaluation.trajectory import Trajectory as Trajectory
     from salpchain.networks.config import ControlConfig as ControlConfig
     from salpchain.physics.state import Bodies as Bodies

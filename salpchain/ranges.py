@@ -18,6 +18,11 @@ class Range(NamedTuple):
         """Whether every episode has the same number."""
         return self.low == self.high
 
+    @property
+    def most(self) -> float:
+        """The largest number that can be drawn."""
+        return self.high
+
     def __str__(self) -> str:
         return f"{self.low:g}" if self.is_fixed else f"{self.low:g}:{self.high:g}"
 

@@ -60,6 +60,7 @@ def core():
         "act": partial(policy.act, state),
         "steering": partial(steer, state.obs),
         "evaluate": partial(salpchain.evaluate, policy, [2], 1, "fixed", 0),
+        "run_suite": partial(salpchain.run_suite, policy, "sea", [2], 1),
         "record": partial(salpchain.record, policy, [2]),
         "train": partial(salpchain.train, config, folder / "run"),
     }.items():

@@ -9,8 +9,8 @@ import pytest
 import salpchain
 from salpchain.interop.export import export
 from salpchain.interop.network import load_torch
-from salpchain.paper.pages import Report, write_report
 from salpchain.report import figures
+from salpchain.report.pages import Report, write_report
 from salpchain.report.picture import chains_picture
 from salpchain.report.replay import write_replay
 from salpchain.report.video import Film, write_video
@@ -68,7 +68,7 @@ def test_what_is_written_by_a_path_of_either_kind_is_read_by_one(kind, tmp_path)
     write_replay([moves], at("swim.html"))
     write_video([moves], at("swim.gif"), Film(64, 64, 5.0, 4.0))
     chains_picture([moves], at("swim.png"))
-    write_report(Report("title", "verdict", [], []), kind(tmp_path))
+    write_report(Report("title", "verdict", []), kind(tmp_path))
     assert len(list(tmp_path.iterdir())) == 9
 
 

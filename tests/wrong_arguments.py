@@ -106,6 +106,18 @@ GOOD = {
         salpchain.evaluate,
         {"controller": POLICY, "trials": 2, **STARTS, **FLAGS, **PLACE},
     ),
+    "run_suite": (
+        salpchain.run_suite,
+        {
+            "controller": POLICY,
+            "name": "sea",
+            "trials": 2,
+            **STARTS,
+            "out": None,
+            "progress": None,
+            "overwrite": False,
+        },
+    ),
     "record": (salpchain.record, {"controller": POLICY, **STARTS, "trial": 0, **PLACE}),
     "train": (salpchain.train, {"config": CONFIG, **RUN, **PLACE}),
     "resume": (salpchain.resume, {**RUN, "run": "begun"}),

@@ -127,7 +127,8 @@ def _cells(own: Summary, other: Summary | None) -> list[str]:
     if other:
         greedy = other["success"]["mean"], other["closed_fraction"]["mean"]
         cells += [f"{100 * greedy[0]:.0f}", f"{100 * greedy[1]:.1f}"]
-    return [*cells, f"{100 * own['reachable']['mean']:.1f}"]
+    limit = own["reachable"]["mean"]
+    return [*cells, "-" if limit is None else f"{100 * limit:.1f}"]
 
 
 def _steps(median: float | None) -> str:

@@ -1,6 +1,6 @@
 """Evaluations: a controller beside the greedy baseline on many lengths, and the files of it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,9 @@ from salpchain.world.config import WorldConfig
 from salpchain.world.presets import as_config, label
 
 STILL = WorldConfig()
+# Control steps of all units, from which on controllers swim one after the other: side by side, one
+# program less is compiled, but a controller is asked until the last of them has ended (chosen).
+WORTH_APART = 50_000_000
 
 
 def evaluate(
@@ -206,8 +209,14 @@ def _play(
     for place, length in enumerate(lengths):
         before, part = sum(work[:place]) / sum(work), work[place] / sum(work)
         with telling(progress, names, f"{length} units", before, part) as tell:
-            trial = controllers, length, trials, time_limits, seed
-            played.append(run_limits(*trial, tell, world, task))
+            steps = max(step_limit(limit, length) for limit in time_limits)
+            apart = trials * length * steps >= WORTH_APART
+            crews = [[one] for one in controllers] if apart else [controllers]
+            ran = [
+                run_limits(crew, length, trials, time_limits, seed, told, world, task)
+                for crew, told in zip(crews, _parts(tell, len(crews)), strict=True)
+            ]
+            played.append({limit: [x for one in ran for x in one[limit]] for limit in time_limits})
     return {
         limit: [
             pd.concat(parts, ignore_index=True)
@@ -215,6 +224,11 @@ def _play(
         ]
         for limit in time_limits
     }
+
+
+def _parts(tell: Callable[[float], None], count: int) -> list[Callable[[float], None]]:
+    """What is told the share of each of several parts of a work."""
+    return [lambda share, part=part: tell((part + share) / count) for part in range(count)]
 
 
 def _at(progress: Progress | None, share: float, _: float, what: str) -> None:

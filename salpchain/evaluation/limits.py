@@ -2,12 +2,13 @@
 
 Joints and contact push both bodies alike, so only thrust and drag move the centre of mass of all
 units and links. Drag multiplies its velocity by 1 - drag once at the start of a control step; the
-thrusts, at most one newton each, then add to it in every substep, before the position moves.
+thrusts, at most one newton each, then add to it in every substep, before the position moves. Drag
+is relative to the water, which carries a chain along.
 """
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,17 @@ from jaxtyping import Array, Float, Int
 from salpchain.physics.state import Chain, Physics, Scalar
 
 MOST_THRUST = 1.0  # N, of a unit
+
+
+class Means(NamedTuple):
+    """What moves a chain: its thrusters and the water."""
+
+    thrust: Scalar = 1.0  # that of all units together, as a share of `MOST_THRUST` for each
+    flow: Float[Array, "2"] | None = None  # m/s, of the water everywhere
+    stir: Scalar = 0.0  # m/s, that the water may have besides, anywhere and in any direction
+
+
+WHOLE = Means()
 
 
 def acceleration(physics: Physics, length: int | Array) -> Scalar:
@@ -98,17 +110,57 @@ def least_distance(
     return jnp.maximum(apart - reach, 0.0)
 
 
+def drift(physics: Physics, steps: int | Array) -> Scalar:
+    """Way (m) for each m/s of the water that it carries a chain, at rest, in so many control steps.
+
+    Relative to the water the chain is as fast at first as the water, and loses that as all else.
+    """
+    keep = 1 - physics.drag
+    lost = jnp.where(keep == 1, 1.0, 1 - keep)
+    caught_up = jnp.where(keep == 1, steps, keep * (1 - keep**steps) / lost)
+    return physics.control_step * (steps - caught_up)
+
+
 def reachable(
-    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], steps: int | Array
+    physics: Physics,
+    chain: Chain,
+    target: Float[Array, "unit 2"],
+    steps: int | Array,
+    means: Means = WHOLE,
+    most: int = 0,
 ) -> Float[Array, ""]:
-    """Largest closed fraction that any controller can have so many control steps after rest."""
+    """Largest closed fraction that any controller can have within so many control steps after rest.
+
+    `most` bounds the steps where the water flows.
+    """
     each = jnp.linalg.norm(target - chain.units.position, axis=-1)
     distance = jnp.where(chain.present, each, 0.0).sum() / chain.present.sum()
-    return 1.0 - least_distance(physics, chain, target, steps) / distance
+    if means is WHOLE:
+        return 1.0 - least_distance(physics, chain, target, steps) / distance
+    apart, length = _mean(chain, target) - centre_of_mass(physics, chain), chain.present.sum()
+
+    def left(step: Array) -> Array:
+        way = apart if means.flow is None else apart - means.flow * drift(physics, step)
+        return jnp.linalg.norm(way) - _own_way(physics, length, means, step)
+
+    at = jnp.minimum(jnp.arange(most + 1), steps)
+    least = jax.vmap(left)(at).min() - centroid_slack(physics, length)
+    return 1.0 - jnp.maximum(least, 0.0) / distance
+
+
+def _own_way(physics: Physics, length: Any, means: Means, steps: int | Array) -> Scalar:
+    """Farthest (m) that thrust and stirred water move the centre of mass in any one direction."""
+    thrust = means.thrust * acceleration(physics, length)
+    return _covered(physics, thrust, steps) + means.stir * drift(physics, steps)
 
 
 def fewest_steps(
-    physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float, most: int
+    physics: Physics,
+    chain: Chain,
+    target: Float[Array, "unit 2"],
+    tolerance: float,
+    most: int,
+    means: Means = WHOLE,
 ) -> Int[Array, ""]:
     """Control steps before which the chain, at rest, cannot have taken the target (`reached`).
 
@@ -116,14 +168,23 @@ def fewest_steps(
     (m). Turning and bending, which take time too, are not counted: a folded chain turns as fast as
     it likes (`steps_to_turn` has the time that a straight one takes). At most `most`.
     """
-    gap = _least_way(physics, chain, target, tolerance)
-    return _first(partial(distance_covered, physics, chain.present.sum()), gap, most)
+    gap, ahead = _least_way(physics, chain, target, tolerance)
+    if means is WHOLE:
+        return _first(partial(distance_covered, physics, chain.present.sum()), gap, most)
+
+    def covered(step: Array) -> Scalar:
+        own = _own_way(physics, chain.present.sum(), means, step)
+        return own if means.flow is None else own + drift(physics, step) * (means.flow @ ahead)
+
+    there = jax.vmap(covered)(jnp.arange(1, most)) >= gap
+    return jnp.where(there.any(), 1 + jnp.argmax(there), most).astype(jnp.int32)
 
 
 def _least_way(
     physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float
-) -> Float[Array, ""]:
-    """Shortest way (m) of the centre of mass to where the target may be taken; negative if there.
+) -> tuple[Float[Array, ""], Float[Array, "2"]]:
+    """Shortest way (m) of the centre of mass to where the target may be taken, negative if there,
+    and its direction.
 
     The coupling of the Frechet distance joins the end units with the end points. Any other unit it
     may join with a point that is not its own, but with none that is farther from an end than the
@@ -134,7 +195,8 @@ def _least_way(
     ends = jnp.stack([0, length - 1])[:, None]
     origin = centre_of_mass(physics, chain)
     gap = _mean(chain, target) - origin
-    ahead = (target - origin) @ (gap / jnp.maximum(jnp.linalg.norm(gap), physics.softness))
+    direction = gap / jnp.maximum(jnp.linalg.norm(gap), physics.softness)
+    ahead = (target - origin) @ direction
     hops = jnp.abs(jnp.arange(slots) - ends)
     hanging = hops * _bond(physics, length)  # m, (end, unit)
     leash = jnp.where(hops > 0, hanging + 2 * tolerance, 0.0)
@@ -144,7 +206,7 @@ def _least_way(
     nearest = jnp.where(joined, ahead, jnp.inf).min(axis=-1)
     least = jnp.maximum(nearest, (ahead[ends] - hanging).max(axis=0))
     mean = jnp.where(chain.present, least, 0.0).sum() / length
-    return mean - tolerance - centroid_slack(physics, length)
+    return mean - tolerance - centroid_slack(physics, length), direction
 
 
 def steps_to_turn(

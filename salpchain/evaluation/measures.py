@@ -26,12 +26,9 @@ def measures(env: Task, trials: Trial) -> dict[str, np.ndarray]:
 
     success, closed_fraction, final_distance (m), start_distance (m), steps_to_goal (NaN without
     success), steps, thrust_effort (N s per unit), path_efficiency (NaN for a chain that never
-    moved), contact_time (s, of the control steps in which some two units pushed each other),
-    reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
-    turn_steps (before which no chain that stays straight has turned to the target's direction),
-    how hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), regret
-    (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the fewest).
-    Where the target moves, nothing is known of what physics allows: NaN. Then the task's own.
+    moved), contact_time (s, of the control steps in which two units pushed each other), `_limits`,
+    regret (what is missing to reachable; 0 for a success), time_ratio (steps to the goal over the
+    fewest). Then the task's own.
     """
     state = trials.state
     success, time = np.asarray(state.goal), np.asarray(state.time)
@@ -39,13 +36,8 @@ def measures(env: Task, trials: Trial) -> dict[str, np.ndarray]:
     straight = np.linalg.norm(np.asarray(moved, np.float64), axis=-1)
     path = np.asarray(trials.path, np.float64)
     final, start = (np.asarray(x, np.float64) for x in (state.distances.mean, state.start_distance))
-    names = ("reachable", "fewest_steps", "turn_steps", "far", "turn", "bend")
-    given = {name: np.asarray(getattr(trials.start, name), np.float64) for name in names}
-    steps_to_goal = np.where(success, time, np.nan)
+    given, steps_to_goal = _limits(env, trials), np.where(success, time, np.nan)
     left = np.divide(final, start, np.full_like(start, np.nan), where=start > 0)
-    if not env.target_stands:
-        unknown = np.full(time.shape, np.nan)
-        given |= dict.fromkeys(("reachable", "fewest_steps", "turn_steps"), unknown)
     return {
         "success": success,
         "closed_fraction": 1 - left,
@@ -61,6 +53,24 @@ def measures(env: Task, trials: Trial) -> dict[str, np.ndarray]:
         "time_ratio": steps_to_goal / given["fewest_steps"],
         **_own(env, trials.series, time),
     }
+
+
+def _limits(env: Task, trials: Trial) -> dict[str, np.ndarray]:
+    """What is told of trials from their starts, each (trial, controller).
+
+    reachable and fewest_steps (the physical limits of closed_fraction and of steps to the goal),
+    turn_steps (before which no chain that stays straight has turned to the target's direction), how
+    hard the start is: far (mean distance in lengths of the chain), turn and bend (rad), possible
+    (whether the limits allow the goal, as far as is known). Where the target moves, or the water by
+    chance, nothing is known of what physics allows: NaN.
+    """
+    start = trials.start
+    known = np.asarray(start.known) & env.target_stands
+    names, bounds = ("far", "turn", "bend"), ("reachable", "fewest_steps", "turn_steps")
+    values = {name: np.asarray(getattr(start, name), np.float64) for name in (*bounds, *names)}
+    unbound = {name: np.where(known, values[name], np.nan) for name in bounds}
+    possible = np.asarray(start.possible) | (not env.target_stands)
+    return {**values, **unbound, "possible": possible}
 
 
 def _own(

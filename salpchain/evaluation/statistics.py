@@ -27,7 +27,7 @@ MEASURES = (
 )
 DIFFICULTY = ("far", "turn", "bend")  # what makes a start hard
 THIRDS = ("low", "middle", "high")
-ABOUT = ("policy", "length", "trial", "seed", "time_limit", "success", "fewest_steps")
+ABOUT = ("policy", "length", "trial", "seed", "time_limit", "success", "fewest_steps", "possible")
 INTERVALS = {
     "level": LEVEL,
     "success": "Wilson interval of the share of trials that reached the goal",

@@ -93,7 +93,7 @@ def run_limits(
     ascending = sorted(time_limits, key=lambda limit: step_limit(limit, length))
     envs = [domain_for(controllers, length, limit, world, task) for limit in ascending]
     blocks = -(-trials * len(controllers) * length // UNITS_AT_ONCE)
-    size = _share_evenly(-(-trials // blocks))
+    size = share_evenly(-(-trials // blocks))
     ended = []
     for block in range(blocks):
         numbers = jnp.arange(block * size, (block + 1) * size)
@@ -121,7 +121,7 @@ def _play_limits(
     """
     begun = [_begin(env, len(controllers), length, seed, numbers) for env in envs]
     limits = [int(env.step_limit(length)) for env in envs]
-    ends = _play_out(envs[-1], controllers, begun[-1], limits, progress)
+    ends = play_out(envs[-1], controllers, begun[-1], limits, progress)
     return [
         measures(env, eqx.tree_at(lambda trial: trial.start, end, first.start))
         for env, first, end in zip(envs, begun, ends, strict=True)
@@ -172,7 +172,7 @@ def domain_for(
     return make_task(replace(task, **asked, time_limit=time_limit), as_world(world))
 
 
-def _share_evenly(trials: int) -> int:
+def share_evenly(trials: int) -> int:
     """As many trials or a few more, so that every device gets the same number."""
     devices = min(trials, jax.local_device_count())
     return -(-trials // devices) * devices
@@ -193,8 +193,14 @@ def _begin(
     env: Task, controllers: int, length: int, seed: int, numbers: Int[Array, " trial"]
 ) -> Trial:
     """The trials of these numbers before their first step, shared out over the devices."""
-    begun = _begin_all(env, controllers, jnp.int32(length), start_keys(seed, length, numbers))
-    return jax.device_put(begun, NamedSharding(_mesh(len(numbers)), Spec(AXIS)))
+    return shared_out(
+        _begin_all(env, controllers, jnp.int32(length), start_keys(seed, length, numbers))
+    )
+
+
+def shared_out(trials: Trial) -> Trial:
+    """The trials, shared out over the devices."""
+    return jax.device_put(trials, NamedSharding(_mesh(len(trials.effort)), Spec(AXIS)))
 
 
 def _mesh(trials: int) -> Mesh:
@@ -207,14 +213,18 @@ def _begin_all(
     env: Task, controllers: int, length: Int[Array, ""], keys: Key[Array, " trial"]
 ) -> Trial:
     compiling()
-
-    def for_each(x: Array) -> Array:
-        return jnp.broadcast_to(x[:, None], (len(keys), controllers, *x.shape[1:]))
-
-    return jax.tree.map(for_each, jax.vmap(partial(_begin_one, env, length))(keys))
+    return for_each(controllers, jax.vmap(partial(begin_one, env, length))(keys))
 
 
-def _begin_one(env: Task, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
+def for_each(controllers: int, trials: Trial) -> Trial:
+    """Trials (trial,) as (trial, controller): all controllers begin alike."""
+    return jax.tree.map(
+        lambda x: jnp.broadcast_to(x[:, None], (len(x), controllers, *x.shape[1:])), trials
+    )
+
+
+def begin_one(env: Task, length: Int[Array, ""], key: PRNGKeyArray) -> Trial:
+    """A trial before its first step."""
     state = env.reset(key, length)
     zero = jnp.zeros(())
     return Trial(
@@ -234,7 +244,7 @@ def _no_series(env: Task, state: State) -> dict[str, Float[Array, " step"]]:
     return {name: jnp.full(steps, jnp.nan) for name in jax.eval_shape(env.gauge, state)}
 
 
-def _play_out(
+def play_out(
     env: Task,
     controllers: Sequence[Controller],
     trials: Trial,
@@ -261,7 +271,7 @@ def _play_out(
         work = (last - until) * len(places) * len(controllers) * env.config.length
         if FEWER * going.sum() <= len(places) and work >= WORTH:
             trials = _put(trials, swimming, places)
-            stay = np.argsort(~going, stable=True)[: _share_evenly(-(-len(places) // FEWER))]
+            stay = np.argsort(~going, stable=True)[: share_evenly(-(-len(places) // FEWER))]
             swimming, memories = _take((swimming, memories), stay)
             places = places[stay]
             _compile(env, controllers, swimming, memories, trials)

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 from salpchain.errors import InputError
 from salpchain.interop.extras import need
-from salpchain.tasks.features import OBSERVATIONS, SENSED, View, features, senses
+from salpchain.tasks.features import OBSERVATIONS, SENSED, features, senses
 from salpchain.tasks.reach.reward import FINE_SCALE
 from salpchain.tasks.reach.targets import LINK, RADIUS, SPAWN
+from salpchain.tasks.view import View
 
 need("torch", "vmas")
 
@@ -124,7 +125,7 @@ def observe(name: str, chains: Chains) -> Tensor:
 
 
 class TorchView(View):
-    """A batch of chains as rows (env, unit); `tasks.features.View` says what each is."""
+    """A batch of chains as rows (env, unit); `View` says what each is."""
 
     def __init__(self, chains: Chains) -> None:
         """Rows of whole chains, all of one length."""

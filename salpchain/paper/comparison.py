@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from salpchain.paper.figures import normalised_curves
-from salpchain.paper.pages import Table
 from salpchain.paper.reference import AT, FIGURE_3, FIGURE_4
 from salpchain.paper.tables import Entry, zero_shot_table
+from salpchain.report.pages import Table
 
 SHOWN = (16, 24, 32, 40)  # units, of the table of Figure 4
 

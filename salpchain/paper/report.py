@@ -13,16 +13,17 @@ import pandas as pd
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE as TESTS_FILE
 from salpchain.files import StrPath, read_json, write_json, write_text
-from salpchain.paper.claims import Claim, facts, judge
+from salpchain.paper.claims import ABOUT_CLAIMS, Claim, facts, judge
 from salpchain.paper.comparison import beside_figure_3, beside_figure_4
 from salpchain.paper.figures import figure_3, figure_4
 from salpchain.paper.grid import Grid, Job
-from salpchain.paper.pages import Report, Table, write_report
 from salpchain.paper.results import is_trained, run_of, untested
 from salpchain.paper.tables import Entry, breakpoint_of, reach_of, zero_shot_table
+from salpchain.report.pages import Report, Table, write_report
 from salpchain.training.run_folder import CONFIG_FILE, METRICS_FILE, SUMMARY_FILE
 
 REPORT = "report"
+VERDICTS = {True: "held", False: "did not hold", None: "cannot tell"}
 BARS = (
     "Mean over seeds; bars: in the top row the standard deviation over seeds, below 95 % intervals"
     " over seeds (Student's, so they may pass 100 %; of one seed, over its trials). Dotted: the"
@@ -73,11 +74,17 @@ def write_outcome(folder: StrPath, grid: Grid) -> Path:
         title="The paper, repeated",
         verdict=_verdict(claims, len(entries), len(grid.jobs())),
         about=_about(grid, training, tested),
-        claims=claims,
-        tables=tables,
+        tables=[claims_table(claims), *tables],
         figures=_draw(folder, entries, grid, place),
     )
     return write_report(report, place)[1]
+
+
+def claims_table(claims: Sequence[Claim]) -> Table:
+    """Each claim with its verdict and its evidence."""
+    rows = [[c.text, VERDICTS[c.held], c.evidence, c.where] for c in claims]
+    columns = ["claim", "here", "evidence", "in the paper"]
+    return Table("The paper's claims", columns, rows, ABOUT_CLAIMS, words=True)
 
 
 def _entry(folder: Path, job: Job) -> Entry:

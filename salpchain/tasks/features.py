@@ -5,7 +5,7 @@ arrays of JAX and tensors of PyTorch share (`tasks/observations.py` and `interop
 have the two views). An observation is a tuple of features. Imports nothing heavy.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from salpchain.checks import one_of
 from salpchain.errors import InputError
 from salpchain.given import instance, told
 from salpchain.plugins import check_known, find
+from salpchain.tasks.view import Pair, Row, View
 
 CONTROL_STEP = 0.1  # s
 UNIT_AXES = "unit"  # along the unit, then along its heading (90 degrees anticlockwise from it)
@@ -20,75 +21,6 @@ WORLD = "world"
 FRAMES = (UNIT_AXES, WORLD, "none")
 NEIGHBOUR = 0.07  # m, the scale of what is told of neighbours (fixed: policies learned with it)
 SENSED = 0.2  # m, from which on a unit that is no neighbour is not sensed (chosen)
-
-Row = Any  # one number of every unit: an array of JAX or a tensor of PyTorch
-Pair = tuple[Row, Row]  # x and y, or along the unit and along its heading
-
-
-class View:
-    """A chain and its target as rows, in world axes and SI units."""
-
-    position: Pair  # m
-    velocity: Pair  # m/s
-    target: Pair  # m, own target point
-    force: Pair  # N, of the last thrust, as it acted
-    angle: Row  # rad
-    angular_velocity: Row  # rad/s
-    sensed: Mapping[str, Any]  # what the features' `senses` gave: rows of each
-
-    @property
-    def centroid(self) -> Pair:
-        """Mean position of the chain's units (m)."""
-        raise NotImplementedError
-
-    @property
-    def target_centroid(self) -> Pair:
-        """Mean of the target points (m)."""
-        raise NotImplementedError
-
-    def mean(self, pair: Pair) -> Pair:
-        """Mean over the present units."""
-        raise NotImplementedError
-
-    def own(self, pair: Pair) -> Pair:
-        """World vectors in each unit's axes: along the unit, and along its heading."""
-        raise NotImplementedError
-
-    def neighbours(self, row: Row) -> tuple[Row, Row]:
-        """What the previous and what the next linked unit has; zero where there is none."""
-        raise NotImplementedError
-
-    def towards(self, pair: Pair) -> tuple[Pair, Pair]:
-        """From each unit's point to those of the previous and next linked unit; else zero."""
-        raise NotImplementedError
-
-    def nearest(self) -> Pair:
-        """To the nearest unit that is no neighbour, 1 - distance / `SENSED` long."""
-        raise NotImplementedError
-
-    def bearing(self, vector: Pair) -> Row:
-        """Angle of a vector from the unit's own angle (rad, wrapped); 0 of no vector."""
-        raise NotImplementedError
-
-    def bit(self, place: int) -> Row:
-        """A bit of the unit's index in the chain."""
-        raise NotImplementedError
-
-    def place(self) -> Row:
-        """Place in the chain, from -1 (first) to 1 (last)."""
-        raise NotImplementedError
-
-    def wrap(self, angle: Row) -> Row:
-        """An angle (rad) in [-pi, pi)."""
-        raise NotImplementedError
-
-    def root(self, row: Row) -> Row:
-        """The square root."""
-        raise NotImplementedError
-
-    def compress(self, row: Row) -> Row:
-        """sign(x) log(1 + 5 |x|)."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -325,6 +257,13 @@ THRUSTER = scalar_feature(
     "gain of the own thruster", "1, 0 where dead", lambda view: view.sensed["thruster"][0],
     senses="thruster",
 )  # fmt: skip
+REVERSE = scalar_feature(
+    "gain of the own thruster backwards", "1, 0 where it pushes one way or is dead",
+    lambda view: view.sensed["reverse"][0], senses="reverse",
+)  # fmt: skip
+THRUST = scalar_feature(
+    "own thrust in the last step, as it acted", "N", lambda view: view.own(view.force)[1]
+)
 RAYS = Feature(
     tuple(
         Field(f"clear way at {45 * ray} degrees", "0.5 m, 1 where nothing is", UNIT_AXES)
@@ -341,6 +280,7 @@ OBSERVATIONS: dict[str, Observation] = {
     "anonymous": (*BODY[:-1], _PROXIMITY),
     "metric": METRIC,
     "around": (*BODY, _PROXIMITY, WATER, SURFACE, THRUSTER),
+    "jets": (*BODY, _PROXIMITY, THRUSTER, REVERSE, THRUST),
 }
 
 ACTIONS = {

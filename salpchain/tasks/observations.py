@@ -16,7 +16,8 @@ from salpchain.physics import derivatives
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.derivatives import direction
 from salpchain.physics.state import Chain, wrap
-from salpchain.tasks.features import SENSED, Observation, Pair, Row, View, features
+from salpchain.tasks.features import SENSED, Observation, features
+from salpchain.tasks.view import Pair, Row, View
 from salpchain.world.surfaces import nearest_surface, rays
 from salpchain.world.world import World
 from salpchain.xla import materialise
@@ -56,12 +57,20 @@ def _thruster(chain: Chain, around: Around) -> Float[Array, "unit 1"]:
     return around.world.thrusters.working(jnp.asarray(around.time), like)[:, None]
 
 
+def _reverse(chain: Chain, around: Around) -> Float[Array, "unit 1"]:
+    """Gain of each unit's thruster backwards now: 0 of jets that push one way."""
+    gain = _thruster(chain, around)
+    thrusters = around.world.thrusters
+    return gain if thrusters is None else jnp.where(thrusters.one_sided, 0.0, gain)
+
+
 # What a feature can name among its `senses`, (unit, number): in world axes, `surface` in the unit's
 SENSES: dict[str, Callable[[Chain, Around], Array]] = {
     "water": _water,
     "surface": _surface,
     "rays": _rays,
     "thruster": _thruster,
+    "reverse": _reverse,
 }
 
 
@@ -98,7 +107,7 @@ def _observe(
 
 
 class ChainView(View):
-    """The chain and its target as rows; `features.View` says what each is."""
+    """The chain and its target as rows; `View` says what each is."""
 
     def __init__(
         self, chain: Chain, target: Array, force: Array, sensed: Mapping[str, Array]

@@ -41,6 +41,7 @@ from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.reach.targets import draw, spawn
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
+from salpchain.world.config import WorldConfig
 from salpchain.world.randomise import as_world, draw_world, with_obstacles
 from salpchain.world.sensing import Senses
 from salpchain.world.world import World, of_episode
@@ -168,10 +169,13 @@ class Task(eqx.Module):
 
     def _draw_world(self, key: PRNGKeyArray, length: int | Array) -> World:
         config = self.world.drawn_from
-        if config is None:
-            return self.world
-        steps = self.step_limit(length)
-        return draw_world(config, jr.fold_in(key, WORLD_STREAM), self.config.length, length, steps)
+        return self.world if config is None else self.drawn_from(config, key, length)
+
+    def drawn_from(self, world: WorldConfig, key: PRNGKeyArray, length: int | Array) -> World:
+        """The world that the episode of this key has, where worlds are drawn from these settings;
+        obstacles apart, which need its start."""
+        steps, slots = self.step_limit(length), self.config.length
+        return draw_world(world, jr.fold_in(key, WORLD_STREAM), slots, length, steps)
 
     @standard_promotion
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:

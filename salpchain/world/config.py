@@ -3,7 +3,7 @@
 Imports nothing heavy: the command line's help reads these classes.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from math import isfinite
 from typing import Any
 
@@ -38,11 +38,21 @@ class DynamicsConfig:
     mass: Range = ONE  # of units and links
     drag: Range = ONE
     stiffness: Range = ONE  # of the joints, against stretching and bending
+    substeps: int = 1  # a whole multiple; the same in every episode
 
     def __post_init__(self) -> None:
         for name in ("mass", "stiffness"):
             _check(self, name, 0.05, 20.0)
         _check(self, "drag", 0.0, 3.9)
+        least, most = 1, MOST_SUBSTEPS
+        if type(self.substeps) is not int or not least <= self.substeps <= most:
+            raise InputError(
+                f"world.dynamics.substeps must be a whole number, {least} to {most}, got"
+                f" {told(self.substeps)}"
+            )
+
+
+MOST_SUBSTEPS = 20  # times those of the paper (chosen)
 
 
 @dataclass(frozen=True)
@@ -165,22 +175,32 @@ class WorldConfig:
     thrusters: ThrusterConfig = field(default_factory=ThrusterConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+    spared: Range = NONE  # share of these that an episode is spared, each by itself, but obstacles
+
+    ROOM = "world"
 
     def __post_init__(self) -> None:
         instance("world.name", self.name, str, "a text")
-        for part in fields(self)[1:]:
+        _check(self, "spared", 0.0, 1.0)
+        for part in self._parts:
             kind: Any = part.default_factory
             instance(kind.ROOM, getattr(self, part.name), kind, f"a {kind.__name__}")
 
     @property
     def is_still(self) -> bool:
         """Whether this is the paper's world: still water and nothing that fails."""
-        return replace(self, name="still") == WorldConfig()
+        return replace(self, name="still", spared=NONE) == WorldConfig()
+
+    @property
+    def _parts(self) -> "list[Field[Any]]":
+        return [one for one in fields(self) if one.name not in ("name", "spared")]
 
     def changes(self, base: "WorldConfig") -> dict[str, Any]:
         """What is otherwise than in another world, by path."""
-        found = {}
-        for part in fields(self)[1:]:
+        found: dict[str, Any] = {}
+        if self.spared != base.spared:
+            found["spared"] = self.spared
+        for part in self._parts:
             here, there = getattr(self, part.name), getattr(base, part.name)
             for one in fields(here):
                 value = getattr(here, one.name)

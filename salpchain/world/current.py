@@ -124,6 +124,13 @@ class Sum(Current):
         return Sum(tuple(part.advance(k, dt) for part, k in zip(self.parts, keys, strict=True)))
 
 
+def parts_of(current: Current | None) -> tuple[Current, ...]:
+    """The currents that add up to one."""
+    if current is None:
+        return ()
+    return current.parts if isinstance(current, Sum) else (current,)
+
+
 def carried(chain: Chain, current: Current, physics: Physics) -> Chain:
     """The chain with velocities from which one control step gives drag relative to the water.
 

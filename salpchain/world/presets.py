@@ -34,6 +34,36 @@ WORLDS: dict[str, WorldConfig] = {
     "room": WorldConfig(
         obstacles=ObstacleConfig(room=Range(0.3, 0.8), walls=Range(0.0, 2.0), posts=Range(0.0, 2.0))
     ),
+    "sea": WorldConfig(
+        dynamics=DynamicsConfig(
+            mass=Range(0.6, 1.4), drag=Range(0.6, 1.4), stiffness=Range(0.6, 1.4)
+        ),
+        current=CurrentConfig(
+            speed=Range(0.0, 0.08),
+            shear=Range(0.0, 0.1),
+            vortex=Range(0.0, 0.08),
+            wander=Range(0.0, 0.03),
+        ),
+        thrusters=ThrusterConfig(
+            dead=Range(0.0, 0.5),
+            failing=Range(0.0, 0.5),
+            gain=Range(0.4, 1.0),
+            lag=Range(0.0, 0.4),
+            one_sided=True,
+        ),
+        sensing=SensingConfig(
+            position=Range(0.0, 0.01),
+            angle=Range(0.0, 0.1),
+            dropped=Range(0.0, 0.1),
+            dropped_steps=Range(1.0, 10.0),
+            stuck=Range(0.0, 0.1),
+            stuck_steps=Range(1.0, 10.0),
+            delay=Range(0.0, 3.0),
+            action_delay=Range(0.0, 3.0),
+            repeat=Range(1.0, 3.0),
+        ),
+        spared=Range(0.0, 1.0),
+    ),
     "rough": WorldConfig(
         dynamics=DynamicsConfig(
             mass=Range(0.8, 1.2), drag=Range(0.8, 1.2), stiffness=Range(0.8, 1.2)

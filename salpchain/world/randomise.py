@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
+from zlib import crc32
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from salpchain.given import instance
 from salpchain.physics.state import Chain, Physics, Scalar, at_rest
 from salpchain.ranges import Range
+from salpchain.world.among import Chosen, chosen
 from salpchain.world.config import (
     CurrentConfig,
     DynamicsConfig,
@@ -27,6 +29,7 @@ from salpchain.world.sensing import Sensing
 from salpchain.world.thrusters import Thrusters
 from salpchain.world.world import World
 
+SPARED_STREAM = 8  # makes what an episode is spared independent of what it is not
 NEVER = jnp.iinfo(jnp.int32).max  # the control step from which a thruster that never fails is dead
 
 
@@ -42,6 +45,9 @@ def draw_world(
     A part of the config that is as in still water is None in the world, and a number that is fixed
     is fixed in the program.
     """
+    given = config
+    if config.spared.most > 0:
+        config = _sparing(config, jr.fold_in(key, SPARED_STREAM))
     dynamics, current, thrusters, sensing = jr.split(key, 4)
     physics = _dynamics(config.dynamics, dynamics)
     return World(
@@ -49,8 +55,22 @@ def draw_world(
         current=_current(config.current, current, length * physics.link_length),
         thrusters=_thrusters(config.thrusters, thrusters, slots, length, steps),
         sensing=_sensing(config.sensing, sensing),
-        drawn_from=config,
+        drawn_from=given,
     )
+
+
+def _sparing(config: WorldConfig, key: PRNGKeyArray) -> WorldConfig:
+    """The settings with some of them, each by itself, as in still water."""
+    share_key, key = jr.split(key)
+    share = _drawn(share_key, config.spared)
+
+    def which(path: str) -> Int[Array, ""]:
+        spared = jr.bernoulli(jr.fold_in(key, crc32(path.encode())), share)
+        return spared.astype(jnp.int32)
+
+    kept = {name: getattr(config, name) for name in ("name", "obstacles", "spared")}
+    dynamics = DynamicsConfig(substeps=config.dynamics.substeps)
+    return chosen((config, WorldConfig(dynamics=dynamics, **kept)), which)
 
 
 def with_obstacles(
@@ -91,20 +111,32 @@ def as_world(given: WorldLike) -> World:
     return eqx.filter(traced, lambda leaf: isinstance(leaf, jax.ShapeDtypeStruct), inverse=True)
 
 
-def _drawn(key: PRNGKeyArray, given: Range) -> Scalar:
+def _is_plain(config: ThrusterConfig | SensingConfig) -> bool:
+    """Whether a part of the settings is as in still water, whichever world is chosen."""
+    plain = type(config)()
+    values = [(getattr(config, one.name), getattr(plain, one.name)) for one in fields(config)]
+    return all(type(value) is type(still) and value == still for value, still in values)
+
+
+def _drawn(key: PRNGKeyArray, given: Range | Chosen) -> Scalar:
     """Uniform in the range; a fixed number stays a constant of the program."""
     return given.low if given.is_fixed else jr.uniform(key, minval=given.low, maxval=given.high)
 
 
-def _whole(key: PRNGKeyArray, given: Range) -> Int[Array, ""]:
+def _whole(key: PRNGKeyArray, given: Range | Chosen) -> Int[Array, ""]:
     """A whole number of the range, each equally likely."""
-    return jr.randint(key, (), round(given.low), round(given.high) + 1)
+    return jr.randint(key, (), _rounded(given.low), _rounded(given.high) + 1)
+
+
+def _rounded(number: Any) -> Any:
+    return round(number) if isinstance(number, float) else jnp.round(number).astype(jnp.int32)
 
 
 def _dynamics(config: DynamicsConfig, key: PRNGKeyArray) -> Physics:
     plain, keys = Physics(), jr.split(key, 3)
+    substeps = config.substeps * plain.substeps
 
-    def times(value: Scalar, given: Range, key: PRNGKeyArray) -> Any:
+    def times(value: Scalar, given: Range | Chosen, key: PRNGKeyArray) -> Any:
         return value if given == Range(1.0, 1.0) else value * _drawn(key, given)
 
     return Physics(
@@ -113,6 +145,7 @@ def _dynamics(config: DynamicsConfig, key: PRNGKeyArray) -> Physics:
         drag=times(plain.drag, config.drag, keys[1]),
         joint_stiffness=times(plain.joint_stiffness, config.stiffness, keys[2]),
         angle_stiffness=times(plain.angle_stiffness, config.stiffness, keys[2]),
+        substeps=substeps,
     )
 
 
@@ -124,12 +157,12 @@ def _direction(key: PRNGKeyArray) -> Float[Array, "2"]:
 def _current(config: CurrentConfig, key: PRNGKeyArray, extent: Scalar) -> Current | None:
     """The sum of the currents that the config has; `extent` (m) is the length of the chain."""
     keys, parts = jr.split(key, 8), []
-    if config.speed.high > 0:
+    if config.speed.most > 0:
         parts.append(Uniform(_drawn(keys[0], config.speed) * _direction(keys[1])))
-    if config.shear.high > 0:
+    if config.shear.most > 0:
         angle = jr.uniform(keys[3], maxval=2 * jnp.pi)
         parts.append(Shear(_drawn(keys[2], config.shear), angle))
-    if config.vortex.high > 0:
+    if config.vortex.most > 0:
         speed, where, turn = jr.split(keys[4], 3)
         way = extent * jr.uniform(where, minval=0.5, maxval=1.5)
         parts.append(
@@ -139,7 +172,7 @@ def _current(config: CurrentConfig, key: PRNGKeyArray, extent: Scalar) -> Curren
                 way * _direction(keys[6]),
             )
         )
-    if config.wander.high > 0:
+    if config.wander.most > 0:
         deviation, time, now = jr.split(keys[7], 3)
         drawn = _drawn(deviation, config.wander)
         parts.append(
@@ -161,7 +194,7 @@ def _thrusters(
     length: int | Int[Array, ""],
     steps: int | Int[Array, ""],
 ) -> Thrusters | None:
-    if config == ThrusterConfig():
+    if _is_plain(config):
         return None
     order, dead, failing, when, gain, lag = jr.split(key, 6)
     rank = _ranks(order, slots, length)
@@ -169,7 +202,7 @@ def _thrusters(
     num_dead = jnp.round(_drawn(dead, config.dead) * length)
     gains = jnp.where(rank < num_dead, 0.0, gains)
     fails_at = None
-    if config.failing.high > 0:
+    if config.failing.most > 0:
         num_failing = jnp.round(_drawn(failing, config.failing) * length)
         fails = (num_dead <= rank) & (rank < num_dead + num_failing)
         at = jr.randint(when, (slots,), 0, steps)
@@ -177,7 +210,7 @@ def _thrusters(
     return Thrusters(
         gain=gains,
         fails_at=fails_at,
-        lag=_drawn(lag, config.lag) if config.lag.high > 0 else None,
+        lag=_drawn(lag, config.lag) if config.lag.most > 0 else None,
         one_sided=config.one_sided,
     )
 
@@ -189,7 +222,7 @@ def _ranks(key: PRNGKeyArray, slots: int, length: int | Int[Array, ""]) -> Int[A
 
 
 def _sensing(config: SensingConfig, key: PRNGKeyArray) -> Sensing | None:
-    if config == SensingConfig():
+    if _is_plain(config):
         return None
     keys = dict(zip((one.name for one in fields(config)), jr.split(key, 11), strict=True))
 
@@ -212,9 +245,9 @@ def _sensing(config: SensingConfig, key: PRNGKeyArray) -> Sensing | None:
         dropped=drawn("dropped"),
         dropped_steps=whole("dropped_steps"),
         delay=whole("delay"),
-        most_delay=round(config.delay.high),
+        most_delay=round(config.delay.most),
         action_delay=whole("action_delay"),
-        most_action_delay=round(config.action_delay.high),
+        most_action_delay=round(config.action_delay.most),
         repeat=whole("repeat"),
-        repeats=config.repeat.high > 1,
+        repeats=config.repeat.most > 1,
     )

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.physics.state import Scalar
 
@@ -13,7 +13,7 @@ class Thrusters(eqx.Module):
     gain: Float[Array, " unit"] | None = None  # of each unit; 0 is dead; None: all 1
     fails_at: Int[Array, " unit"] | None = None  # control step from which a thruster is dead
     lag: Scalar | None = None  # s, time constant of a first-order response; None: at once
-    one_sided: bool = eqx.field(default=False, static=True)  # a jet that pushes along +heading only
+    one_sided: bool | Bool[Array, ""] = False  # a jet that pushes along +heading only
 
     def working(self, time: Int[Array, ""], like: Float[Array, " unit"]) -> Float[Array, " unit"]:
         """The gain of each unit at a control step: 0 where dead."""
@@ -31,7 +31,9 @@ class Thrusters(eqx.Module):
 
         With a lag, exp(-dt / lag) of the difference to what was asked for is left after a step.
         """
-        thrust = jnp.maximum(asked, 0.0) if self.one_sided else asked
+        thrust = asked
+        if self.one_sided is not False:
+            thrust = jnp.where(self.one_sided, jnp.maximum(asked, 0.0), asked)
         thrust = thrust * self.working(time, asked)
         if self.lag is None:
             return thrust

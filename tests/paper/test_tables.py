@@ -9,8 +9,8 @@ import pytest
 from salpchain.paper.claims import facts, judge, success_at_end
 from salpchain.paper.comparison import beside_figure_3, beside_figure_4
 from salpchain.paper.figures import figure_3, figure_4, interval_half, normalised_curves
-from salpchain.paper.pages import Report, Table, write_report
 from salpchain.paper.reference import AT, FIGURE_3, FIGURE_4
+from salpchain.paper.report import claims_table
 from salpchain.paper.tables import (
     Entry,
     breakpoint_of,
@@ -18,6 +18,7 @@ from salpchain.paper.tables import (
     reach_of,
     zero_shot_table,
 )
+from salpchain.report.pages import Report, Table, write_report
 
 TESTS = (4, 8, 12, 16, 20, 24, 28, 32)
 BEST = {"gt mixed": 0.96, "gt full": 0.96, "mlp": 0.93, "gcn mixed": 0.92, "gatv2 mixed": 0.92}
@@ -233,8 +234,8 @@ def test_the_papers_figures_are_drawn_of_any_part_of_a_study(tmp_path):
 def test_the_page_needs_no_other_file_and_escapes_what_it_shows(tmp_path):
     [image, _] = figure_3(entries({"mlp": 0.9}), tmp_path / "figure-3.png")
     table = Table("Times <b>", ["a|b", "c"], [["1", "<script>"]])
-    claims = judge(facts(entries(PAPER), "fixed"))
-    report = Report("Title", "It held.", ["About & more"], claims, [table], {"Figure 3": image})
+    claims = claims_table(judge(facts(entries(PAPER), "fixed")))
+    report = Report("Title", "It held.", ["About & more"], [claims, table], {"Figure 3": image})
     text, page = (path.read_text() for path in write_report(report, tmp_path))
     assert "![Figure 3](figure-3.png)" in text and "a\\|b" in text and "| held |" in text
     assert "<script>" not in page and "About &amp; more" in page

@@ -1,4 +1,4 @@
-"""The report of a study: one page, as Markdown and as HTML that needs no other file."""
+"""A report: one page, as Markdown and as HTML that needs no other file."""
 
 import base64
 import html
@@ -9,11 +9,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from salpchain.files import StrPath, write_text
-from salpchain.paper.claims import ABOUT_CLAIMS, Claim
 
 # A cell that holds a number: with a unit, a spread or one beside it at the most.
 NUMBER = re.compile(r"-|-?[\d.,]+( %| min)?( \([^)]*\))?|(-|[\d.]+) / (-|[\d.]+)")
-VERDICTS = {True: "held", False: "did not hold", None: "cannot tell"}
+VERDICTS = {"held": "held", "did not hold": "not", "cannot tell": "unknown"}  # and their look
 STYLE = files("salpchain.report") / "page" / "report.css"
 CODE = re.compile(r"`([^`]+)`")
 
@@ -26,6 +25,7 @@ class Table:
     columns: Sequence[str]
     rows: Sequence[Sequence[str]]
     note: str = ""
+    words: bool = False  # sentences, which become cards on a narrow screen
 
 
 @dataclass(frozen=True)
@@ -35,24 +35,17 @@ class Report:
     title: str
     verdict: str  # one line: what came out
     about: Sequence[str]  # paragraphs
-    claims: Sequence[Claim]
     tables: Sequence[Table] = ()
     figures: Mapping[str, StrPath] = field(default_factory=dict)  # PNG by caption
 
 
-def write_report(report: Report, folder: StrPath) -> list[Path]:
-    """`report.md`, which shows the figures beside it, and `report.html`, which holds them."""
+def write_report(report: Report, folder: StrPath, name: str = "report") -> list[Path]:
+    """`NAME.md`, which shows the figures beside it, and `NAME.html`, which holds them."""
     folder = Path(folder)
-    pages = {folder / "report.md": markdown(report), folder / "report.html": page(report)}
+    pages = {folder / f"{name}.md": markdown(report), folder / f"{name}.html": page(report)}
     for path, text in pages.items():
         write_text(path, text)
     return list(pages)
-
-
-def _claims_table(claims: Sequence[Claim]) -> Table:
-    rows = [[c.text, VERDICTS[c.held], c.evidence, c.where] for c in claims]
-    columns = ["claim", "here", "evidence", "in the paper"]
-    return Table("The paper's claims", columns, rows, ABOUT_CLAIMS)
 
 
 def _summary(caption: str) -> str:
@@ -65,7 +58,7 @@ def markdown(report: Report) -> str:
     parts = [f"# {report.title}", f"**{report.verdict}**", *report.about]
     for caption, path in report.figures.items():
         parts += [f"![{_summary(caption)}]({Path(path).name})", f"*{caption}*"]
-    for table in (_claims_table(report.claims), *report.tables):
+    for table in report.tables:
         parts += [f"## {table.title}", _markdown_table(table), table.note]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -84,9 +77,8 @@ def page(report: Report) -> str:
     parts = [f"<h1>{_text(report.title)}</h1>", f'<p class="verdict">{_text(report.verdict)}</p>']
     parts += [f"<p>{_text(text)}</p>" for text in report.about]
     parts += [_html_figure(caption, Path(path)) for caption, path in report.figures.items()]
-    claims = _claims_table(report.claims)
-    for table in (claims, *report.tables):
-        parts += [f"<h2>{_text(table.title)}</h2>", _html_table(table, words=table is claims)]
+    for table in report.tables:
+        parts += [f"<h2>{_text(table.title)}</h2>", _html_table(table)]
         parts += [f'<p class="note">{_text(table.note)}</p>'] if table.note else []
     head = (
         '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -113,7 +105,7 @@ def _html_figure(caption: str, path: Path) -> str:
     )
 
 
-def _html_table(table: Table, words: bool) -> str:
+def _html_table(table: Table) -> str:
     """A table that scrolls in itself; one of words becomes a list of cards on a narrow screen."""
     numbers = [
         all(NUMBER.fullmatch(row[k]) for row in table.rows) for k in range(len(table.columns))
@@ -123,7 +115,7 @@ def _html_table(table: Table, words: bool) -> str:
         for name, number in zip(table.columns, numbers, strict=True)
     )
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
-    kind, title = "wide words" if words else "wide", html.escape(table.title)
+    kind, title = "wide words" if table.words else "wide", html.escape(table.title)
     return (
         f'<div class="{kind}" tabindex="0" role="region" aria-label="{title}">'
         f'<table><tr class="names">{names}</tr>\n{rows}</table></div>'
@@ -131,7 +123,6 @@ def _html_table(table: Table, words: bool) -> str:
 
 
 def _cell(text: str) -> str:
-    kinds = {VERDICTS[True]: "held", VERDICTS[False]: "not", VERDICTS[None]: "unknown"}
     number = bool(NUMBER.fullmatch(text))
-    kind = kinds.get(text, "number" if number else "")
+    kind = VERDICTS.get(text, "number" if number else "")
     return f'<td class="{kind}">{_text(text)}</td>' if kind else f"<td>{_text(text)}</td>"

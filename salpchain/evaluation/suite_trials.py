@@ -1,0 +1,168 @@
+"""The trials of a suite: one program plays all worlds that have as many slots and substeps.
+
+A cell's trial of some number starts where every cell's does, and its world is the one that the
+same episode has in `run_trials` with that world.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Array, Int, Key
+
+from salpchain.controllers.policy import Controller
+from salpchain.evaluation.measures import Trial, measures
+from salpchain.evaluation.progress import compiling
+from salpchain.evaluation.suites import Cell
+from salpchain.evaluation.trials import (
+    REACH,
+    UNITS_AT_ONCE,
+    Progress,
+    begin_one,
+    domain_for,
+    for_each,
+    play_out,
+    share_evenly,
+    shared_out,
+    start_keys,
+)
+from salpchain.switches import own_mesh
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.task import Task
+from salpchain.world.among import chosen
+from salpchain.world.config import WorldConfig
+from salpchain.world.world import World
+
+WORLD_KEYS = 0  # any key: only the parts of a world that it draws are looked at
+
+
+class Played(NamedTuple):
+    """Which trials are played together: all in worlds of one program."""
+
+    worlds: tuple[WorldConfig, ...]
+    which: Int[np.ndarray, " trial"]  # of the worlds
+    number: Int[np.ndarray, " trial"]  # of the trial in its cell
+    row: Int[np.ndarray, " trial"]  # of the frame
+
+
+@own_mesh
+def run_cells(
+    controller: Controller,
+    cells: Sequence[Cell],
+    length: int,
+    trials: int,
+    time_limit: str,
+    seed: int,
+    progress: Progress | None = None,
+    task: TaskConfig = REACH,
+) -> pd.DataFrame:
+    """A row of measures for each trial of each cell: trouble, grade and kind, then as `run_trials`.
+
+    Trial i of a cell swims in its world i modulo the number of its worlds, whose name is the kind.
+
+    Raises:
+        InputError: a length or a time limit that cannot be, or that the controller cannot serve.
+    """
+    env = domain_for([controller], length, time_limit, "still", task)
+    groups = list(_programs(cells, trials))
+    blocks = [block for group in groups for block in _blocks(group, length)]
+    costs = [len(block.row) * block.worlds[0].dynamics.substeps for block in blocks]
+    work = np.cumsum([0.0, *costs])
+    measured: dict[str, np.ndarray] = {}
+    for block, before, after in zip(blocks, work, work[1:], strict=False):
+        tell = partial(_tell, progress, before / work[-1], after / work[-1])
+        for name, values in _play(env, controller, block, length, seed, tell).items():
+            kept = measured.setdefault(name, np.zeros(len(cells) * trials, values.dtype))
+            kept[block.row] = values
+    names = [list(cell.worlds) for cell in cells]
+    about = {
+        "trouble": np.repeat([cell.trouble for cell in cells], trials),
+        "grade": np.repeat([cell.grade for cell in cells], trials),
+        "kind": [own[number % len(own)] for own in names for number in range(trials)],
+        "policy": controller.card.name,
+        "length": length,
+        "trial": np.tile(np.arange(trials), len(cells)),
+        "seed": seed,
+        "time_limit": time_limit,
+    }
+    return pd.DataFrame({**about, **measured})
+
+
+def _programs(cells: Sequence[Cell], trials: int) -> Iterator[Played]:
+    """The trials of all cells, those of one program together."""
+    numbers = np.arange(trials)
+    for cell in cells:
+        if len({world.dynamics.substeps for world in cell.worlds.values()}) > 1:
+            raise ValueError(f"the worlds of {cell.trouble} must have the same substeps")
+    for substeps in sorted({w.dynamics.substeps for cell in cells for w in cell.worlds.values()}):
+        worlds: list[WorldConfig] = []
+        parts: list[tuple[Any, Any, Any]] = []
+        for place, cell in enumerate(cells):
+            own = list(cell.worlds.values())
+            if own[0].dynamics.substeps == substeps:
+                which = len(worlds) + numbers % len(own)
+                parts.append((which, numbers, place * trials + numbers))
+                worlds += own
+        which, number, row = map(np.concatenate, zip(*parts, strict=True))
+        yield Played(tuple(worlds), which, number, row)
+
+
+def _blocks(played: Played, length: int) -> Iterator[Played]:
+    """The trials in batches of equal size; the last is filled with some that come again."""
+    count = len(played.row)
+    batches = -(-count * length // UNITS_AT_ONCE)
+    size = share_evenly(-(-count // batches))
+    order = np.resize(np.arange(count), batches * size)
+    order = order.reshape(size, batches).T  # each batch has trials of every cell
+    whole = Played(played.worlds, *(x[order] for x in played[1:]))
+    for batch in range(batches):
+        yield Played(whole.worlds, *(x[batch] for x in whole[1:]))
+
+
+def _tell(progress: Progress | None, before: float, after: float, share: float) -> None:
+    if progress:
+        progress(before + share * (after - before))
+
+
+def _play(
+    env: Task, controller: Controller, played: Played, length: int, seed: int, progress: Progress
+) -> dict[str, np.ndarray]:
+    """The measures of these trials, (trial,) each."""
+    domain = replace(env, world=_what_all_have(env, played.worlds))
+    keys = start_keys(seed, length, jnp.asarray(played.number))
+    which = jnp.asarray(played.which)
+    begun = shared_out(_begin(domain, played.worlds, jnp.int32(length), which, keys))
+    (end,) = play_out(domain, [controller], begun, [int(env.step_limit(length))], progress)
+    return {name: values[:, 0] for name, values in measures(domain, end).items()}
+
+
+def _what_all_have(env: Task, worlds: tuple[WorldConfig, ...]) -> World:
+    """What is the same in every world that is drawn: the parts there are, and what is fixed."""
+    draw = partial(env.drawn_from, key=jax.random.key(WORLD_KEYS), length=env.config.length)
+    made = eqx.filter_eval_shape(lambda which: draw(chosen(worlds, which)), jnp.int32(0))
+    made = eqx.filter(made, lambda leaf: isinstance(leaf, jax.ShapeDtypeStruct), inverse=True)
+    return replace(made, drawn_from=None)
+
+
+@eqx.filter_jit
+def _begin(
+    env: Task,
+    worlds: tuple[WorldConfig, ...],
+    length: Int[Array, ""],
+    which: Int[Array, " trial"],
+    keys: Key[Array, " trial"],
+) -> Trial:
+    """Trials before their first step, each in the world of its number."""
+    compiling()
+
+    def one(which: Array, key: Array) -> Trial:
+        world = env.drawn_from(chosen(worlds, which), key, length)
+        return begin_one(replace(env, world=replace(world, drawn_from=None)), length, key)
+
+    return for_each(1, jax.vmap(one)(which, keys))

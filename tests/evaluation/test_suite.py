@@ -1,0 +1,143 @@
+"""A suite's cells are what `evaluate` plays in their worlds, from the same starts."""
+
+import hashlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from salpchain.controllers.greedy import Greedy
+from salpchain.errors import InputError
+from salpchain.evaluation.statistics import interval_of_mean, share
+from salpchain.evaluation.suite import run_suite
+from salpchain.evaluation.suite_trials import run_cells
+from salpchain.evaluation.suites import GRADES, SUITES, Cell, Suite, suite
+from salpchain.evaluation.trials import REACH, run_trials
+from salpchain.physics.state import Physics
+from salpchain.ranges import as_range
+from salpchain.world.config import DynamicsConfig, WorldConfig
+
+SEA = SUITES["sea"]
+TROUBLES = ["delay", "noise", "dropout", "repeat", "dead", "failing", "weak", "current"]
+TROUBLES += ["one-sided", "physics", "substeps", "all"]
+SHORT = replace(REACH, most_steps=12)
+
+
+def test_the_suite_has_every_trouble_in_three_grades_and_still_water_first():
+    first, *others = SEA.cells(8)
+    assert (first.trouble, first.grade) == ("still", "none")
+    assert first.worlds["still"].is_still
+    wanted = [(trouble, grade) for trouble in TROUBLES for grade in ("easy", "medium", "hard")]
+    assert [(cell.trouble, cell.grade) for cell in others] == wanted
+    assert SEA.lengths == (4, 8, 16, 32, 64) and SEA.trials == 200
+
+
+def test_what_a_version_holds_never_changes():
+    cells = repr([list(SEA.cells(length)) for length in SEA.lengths])
+    digest = hashlib.sha256(cells.encode()).hexdigest()[:16]
+    assert (SEA.version, digest) == (1, "a47cbe4109472093")
+
+
+def test_the_hardest_grade_of_all_leaves_half_of_the_thrusters_at_first_and_a_half_at_the_end():
+    for length in SEA.lengths:
+        for grade, dies in zip(GRADES, (1, max(1, length // 4), length // 2), strict=True):
+            (cell,) = (c for c in SEA.cells(length) if (c.trouble, c.grade) == ("all", grade))
+            for world in cell.worlds.values():
+                parts = world.thrusters.dead.low, world.thrusters.failing.low
+                assert sum(round(part * length) for part in parts) == dies
+
+
+@pytest.fixture(scope="module")
+def played():
+    cells = list(SEA.cells(4))
+    return cells, run_cells(Greedy(), cells, 4, 5, "scaled", 3, task=SHORT)
+
+
+SAMPLED = [("still", "none"), ("noise", "hard"), ("dead", "medium"), ("current", "medium")]
+SAMPLED += [("one-sided", "hard"), ("physics", "hard"), ("substeps", "easy"), ("all", "medium")]
+
+
+@pytest.mark.parametrize(("trouble", "grade"), SAMPLED)
+def test_a_cell_is_what_its_worlds_are_by_themselves(played, trouble, grade):
+    cells, frame = played
+    (cell,) = (c for c in cells if (c.trouble, c.grade) == (trouble, grade))
+    rows = frame.loc[(frame.trouble == trouble) & (frame.grade == grade)].reset_index(drop=True)
+    assert rows.kind.tolist() == [list(cell.worlds)[i % len(cell.worlds)] for i in range(5)]
+    kind = list(cell.worlds)[-1]
+    (alone,) = run_trials([Greedy()], 4, 5, "scaled", 3, world=cell.worlds[kind], task=SHORT)
+    mine = rows.kind == kind
+    for name in ("final_distance", "closed_fraction", "thrust_effort", "fewest_steps", "possible"):
+        one, other = (x.loc[mine, name].to_numpy(float) for x in (rows, alone))
+        np.testing.assert_allclose(one, other, rtol=0.01, atol=1e-3, err_msg=name)
+
+
+def test_troubles_tell(played):
+    """Each hard cell swims otherwise than still water, from the same start."""
+    frame = played[1]
+    still = frame.loc[frame.trouble == "still"]
+    for trouble in TROUBLES:
+        hard = frame.loc[(frame.trouble == trouble) & (frame.grade == "hard")]
+        np.testing.assert_array_equal(hard.start_distance, still.start_distance)
+        apart = np.abs(hard.final_distance.to_numpy() - still.final_distance.to_numpy())
+        assert apart.max() > (1e-5 if trouble == "substeps" else 1e-3), trouble
+
+
+def few(name="few", trials=4):
+    weak = WorldConfig(dynamics=DynamicsConfig(drag=as_range(2.0)))
+    fine = WorldConfig(dynamics=DynamicsConfig(substeps=2))
+    troubles = {"thick": lambda grade, length: {"one": weak, "other": fine}}
+    return Suite(name, 3, (2,), trials, troubles)
+
+
+def test_worlds_of_one_cell_must_share_their_substeps():
+    with pytest.raises(ValueError, match="substeps"):
+        run_cells(Greedy(), list(few().cells(2)), 2, 2, "scaled", 0, task=SHORT)
+
+
+def test_the_summary_is_that_of_the_trials(tmp_path, monkeypatch):
+    world = WorldConfig(dynamics=DynamicsConfig(drag=as_range(3.0)))
+    thick = {"thick": lambda grade, length: {"thick": world}}
+    monkeypatch.setitem(SUITES, "few", Suite("few", 3, (2,), 6, thick))
+    told = []
+    summary = run_suite("greedy", "few", out=tmp_path, progress=lambda x, what: told.append(x))
+    assert summary == json.loads((tmp_path / "suite.json").read_text())
+    assert told == sorted(told) and told[-1] == pytest.approx(1)
+    about = {name: summary[name] for name in ("policy", "suite", "version", "lengths", "trials")}
+    assert about == {"policy": "greedy", "suite": "few", "version": 3, "lengths": [2], "trials": 6}
+    first, *others = summary["cells"]
+    assert first["trouble"] == "still" and [c["grade"] for c in others] == list(GRADES)
+    (still,) = run_trials([Greedy()], 2, 6, "scaled", 0)
+    (trials,) = run_trials([Greedy()], 2, 6, "scaled", 0, world=world)
+    for cell in others:
+        assert cell["success"] == share(int(trials.success.sum()), 6)
+        lost = still.success.to_numpy(float) - trials.success
+        low, high = interval_of_mean(lost.to_numpy())
+        assert cell["loss"] == {"mean": lost.mean(), "low": low, "high": high}
+        assert cell["possible"] == trials.possible.mean()
+        assert "kinds" not in cell
+
+
+def test_other_results_are_kept_unless_told_otherwise(tmp_path, monkeypatch):
+    monkeypatch.setitem(SUITES, "few", Suite("few", 1, (2,), 2, {}))
+    run_suite("greedy", "few", out=tmp_path)
+    before = (tmp_path / "suite.json").read_bytes()
+    run_suite("greedy", "few", out=tmp_path)
+    for other in ({"seed": 1}, {"trials": 3}, {"lengths": 3}):
+        with pytest.raises(InputError, match=f"{next(iter(other))} .* there, .* asked for"):
+            run_suite("greedy", "few", out=tmp_path, **other)
+    with pytest.raises(InputError, match="policy greedy there, approach asked for"):
+        run_suite("approach", "few", out=tmp_path)
+    assert (tmp_path / "suite.json").read_bytes() == before
+    run_suite("greedy", "few", seed=1, out=tmp_path, overwrite=True)
+    assert json.loads((tmp_path / "suite.json").read_text())["seed"] == 1
+    (tmp_path / "suite.json").write_text("[]")
+    with pytest.raises(InputError, match="no result of a suite"):
+        run_suite("greedy", "few", out=tmp_path)
+
+
+def test_an_unknown_suite_is_refused_with_the_names_that_there_are():
+    with pytest.raises(InputError, match="unknown suite 'see': choose one of sea"):
+        suite("see")
+    assert isinstance(next(iter(SEA.cells(4))), Cell)
+    assert Physics().substeps == 15
