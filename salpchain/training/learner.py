@@ -25,6 +25,7 @@ from salpchain.training.config import TrainConfig
 from salpchain.training.curriculum import Curriculum, advance, draw_length, new_curriculum
 from salpchain.training.ppo import Losses, improve, optimiser, training_samples
 from salpchain.training.rollout import Outcome, Sample, collect, values
+from salpchain.training.widths import widths_of
 from salpchain.world.presets import label
 
 
@@ -145,16 +146,16 @@ def compile_iterate(
 
 def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainState, Metrics]:
     """A rollout and the update from it, on one device's share of the chains."""
-    ppo = config.ppo
+    ppo, widths = config.ppo, widths_of(config.lengths)
     act_key, shuffle_key, key = jr.split(learner.key, 3)
     states, samples, outcomes = collect(
         env, learner.policy, learner.states, act_key, ppo.rollout,
-        partial(draw_length, config, learner.curriculum),
+        partial(draw_length, config, learner.curriculum), widths,
     )  # fmt: skip
     batch = training_samples(ppo, samples, outcomes, values(learner.policy, states))
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
-        shuffle_key, learner.iteration / config.iterations,
+        shuffle_key, learner.iteration / config.iterations, widths,
     )  # fmt: skip
     cohorts, cohort = count(learner.cohorts, outcomes, config.lengths)
     curriculum = advance(config, learner.curriculum, cohort.episodes, cohort.goals)

@@ -1,5 +1,7 @@
 """Proximal policy optimisation (paper section 2.2.1; Schulman et al. 2017)."""
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -14,11 +16,8 @@ from salpchain.networks.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
 from salpchain.training.rollout import Outcome, Sample, log_probs
-from salpchain.xla import flat_products
-
-# Units whose activations are worked on at a time: on a CPU they stay in a core's cache, which
-# saves up to half of an update's time (measured); a GPU takes a minibatch whole.
-CACHED_ROWS = {"cpu": 512}
+from salpchain.training.widths import CACHED_ROWS, at_width, by_length
+from salpchain.xla import flat_products, on_cpu
 
 
 class TrainingSample(eqx.Module):
@@ -90,12 +89,13 @@ def improve(
     batch: TrainingSample,
     key: PRNGKeyArray,
     done: Float[Array, ""] | float = 0.0,
+    widths: Sequence[int] = (),
 ) -> tuple[ActorCritic, Any, Losses]:
     """The policy after all epochs of minibatches over the batch, axes (step, env).
 
     `done` is the share of the run that is over, on which the weight of the entropy depends.
     Every device knows the whole batch and works on its part of each minibatch, so that the
-    minibatches are the same however many devices there are.
+    minibatches are the same however many devices there are. `widths`: as in `widths_of`.
     """
     flat = jax.tree.map(_flat_everywhere, batch)
     devices, device = jax.lax.axis_size(AXIS), jax.lax.axis_index(AXIS)
@@ -107,7 +107,8 @@ def improve(
 
     def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
         policy, optimiser_state = carry
-        gradient, losses = jax.lax.pmean(_gradient(policy, config, flat, chosen, weight), AXIS)
+        told = _gradient(policy, config, flat, chosen, weight, widths)
+        gradient, losses = jax.lax.pmean(told, AXIS)
         norm = optax.tree.norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
         policy = optax.apply_updates(policy, updates)
@@ -135,15 +136,24 @@ def _gradient(
     flat: TrainingSample,
     chosen: Int[Array, " minibatch"],
     weight: Float[Array, ""] | float,
+    widths: Sequence[int],
 ) -> tuple[ActorCritic, Losses]:
     """Mean gradient and losses over the chosen chain-steps, in parts that fit a core's cache."""
-    units = flat.sample.present.shape[-1]
-    rows = CACHED_ROWS.get(jax.default_backend(), chosen.shape[0] * units)
-    parts = chosen.reshape(-1, largest_divisor(chosen.shape[0], max(1, rows // units)))
+    present = flat.sample.present
+    rows = CACHED_ROWS if on_cpu() else chosen.shape[0] * present.shape[-1]
+    size = largest_divisor(chosen.shape[0], max(1, rows // present.shape[-1]))
+    parts = chosen.reshape(-1, size)
+    if len(widths) > 1:
+        parts = chosen[by_length(present[chosen], size)]
+
+    def gradient(width: int, few: TrainingSample) -> Any:
+        if width < present.shape[-1]:
+            few = jax.vmap(partial(_cut, width))(few)
+        return jax.grad(loss, has_aux=True)(policy, config, few, weight)
 
     def of_part(some: Array) -> Any:
         few = jax.tree.map(lambda x: x[some], flat)
-        return jax.grad(loss, has_aux=True)(policy, config, few, weight)
+        return at_width(widths or present.shape[-1:], few.sample.present, gradient, few)
 
     def add(total: Any, some: Array) -> tuple[Any, None]:
         return jax.tree.map(jnp.add, total, of_part(some)), None
@@ -151,6 +161,20 @@ def _gradient(
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(of_part, parts[0]))
     total, _ = jax.lax.scan(add, nothing, parts)
     return jax.tree.map(lambda x: x / parts.shape[0], total)
+
+
+def _cut(width: int, one: TrainingSample) -> TrainingSample:
+    """The sample without the slots beyond this width, which must be dead."""
+    sample, gain = one.sample, one.advantage
+    short = Sample(
+        obs=sample.obs[:width],
+        present=sample.present[:width],
+        joined=sample.joined[: width - 1],
+        action=sample.action[:width],
+        log_prob=sample.log_prob[:width],
+        value=sample.value,
+    )
+    return TrainingSample(short, gain[:width] if len(gain) > 1 else gain, one.target)
 
 
 def loss(

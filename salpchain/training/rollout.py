@@ -1,6 +1,8 @@
 """Chains that swim under the sampled policy, and what PPO needs to know of it."""
 
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,11 +10,12 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
-from salpchain.devices import AXIS
+from salpchain.devices import AXIS, largest_divisor
 from salpchain.networks.actor_critic import ActorCritic
 from salpchain.tasks.renew import DrawLength, renew_done
 from salpchain.tasks.state import State, Terms
 from salpchain.tasks.task import Task
+from salpchain.training.widths import CACHED_ROWS, at_width, by_length
 
 
 class Sample(eqx.Module):
@@ -50,18 +53,21 @@ def collect(
     key: PRNGKeyArray,
     steps: int,
     draw_length: DrawLength | None = None,
+    widths: Sequence[int] = (),
 ) -> tuple[State, Sample, Outcome]:
     """`steps` control steps of every chain (batch first), finished episodes renewed.
 
     Returns the states after them, and samples and outcomes with axes (step, env). What a chain
     does follows from its number among those of all devices, not from the device that it is on.
+    `widths`: as in `widths_of`, where lengths are mixed.
     """
     num = states.time.shape[0]
     numbers = jax.lax.axis_index(AXIS) * num + jnp.arange(num)
 
     def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
         keys = jax.vmap(jr.fold_in, (None, 0))(key, numbers)
-        sample = jax.vmap(sample_action, (None, 0, 0))(policy, states, keys)
+        told = _tell(policy, states, widths)
+        sample = jax.vmap(partial(_sample, policy))(states, *told, keys)
         after = jax.vmap(env.step)(states, sample.action)
         outcome = jax.vmap(partial(_outcome, env))(states, after, _final_value(policy, after))
         return renew_done(env, after, draw_length), (sample, outcome)
@@ -87,10 +93,39 @@ def _outcome(env: Task, before: State, after: State, final_value: Float[Array, "
     )
 
 
-def sample_action(policy: ActorCritic, state: State, key: PRNGKeyArray) -> Sample:
+def _tell(
+    policy: ActorCritic, states: State, widths: Sequence[int]
+) -> tuple[Float[Array, "env unit act"], Float[Array, " env"]]:
+    """The mean actions and the value of each chain."""
+    seen = jax.vmap(lambda s: (s.obs, s.chain.present, s.chain.joined))(states)
+    if len(widths) < 2:
+        return jax.vmap(policy)(*seen)
+    num, slots = seen[1].shape
+    parts = by_length(seen[1], largest_divisor(num, max(1, CACHED_ROWS // slots)))
+
+    def few(width: int, some: Any) -> tuple[Array, Array]:
+        obs, present, joined = some
+        mean, value = jax.vmap(policy)(obs[:, :width], present[:, :width], joined[:, : width - 1])
+        return jnp.pad(mean, ((0, 0), (0, slots - width), (0, 0))), value
+
+    def of_part(places: Array) -> tuple[Array, Array]:
+        some = jax.tree.map(lambda x: x[places], seen)
+        return at_width(widths, some[1], few, some)
+
+    told = jax.tree.map(lambda x: x.reshape(num, *x.shape[2:]), jax.lax.map(of_part, parts))
+    back = jnp.argsort(parts.ravel())
+    return told[0][back], told[1][back]
+
+
+def _sample(
+    policy: ActorCritic,
+    state: State,
+    mean: Float[Array, "unit act"],
+    value: Float[Array, ""],
+    key: PRNGKeyArray,
+) -> Sample:
     """A sampled action for one chain, with its log-probability and the value of the state."""
     chain = state.chain
-    mean, value = policy(state.obs, chain.present, chain.joined)
     action = mean + jnp.exp(policy.log_std) * jr.normal(key, mean.shape)
     return Sample(
         obs=state.obs,
