@@ -175,7 +175,8 @@ class Task(eqx.Module):
         """The world that the episode of this key has, where worlds are drawn from these settings;
         obstacles apart, which need its start."""
         steps, slots = self.step_limit(length), self.config.length
-        return draw_world(world, jr.fold_in(key, WORLD_STREAM), slots, length, steps)
+        key = jr.fold_in(key, WORLD_STREAM)
+        return draw_world(world, key, slots, length, steps, self.world.ease)
 
     @standard_promotion
     def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:

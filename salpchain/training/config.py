@@ -79,7 +79,8 @@ class Mix:
     """The lengths that a run trains on at once; each episode's is drawn anew.
 
     With a curriculum, the run starts with the shortest, and the next longer one joins whenever all
-    so far succeed in the share `grow` of their episodes.
+    so far succeed in the share `grow` of their episodes. With `roughen`, it starts in still water:
+    whenever that share of episodes succeeds, these are spared a twentieth less of their world.
 
     Raises:
         InputError: lengths out of order or twice, or invalid weights or an invalid share.
@@ -88,6 +89,7 @@ class Mix:
     lengths: tuple[int, ...] = ()  # units, ascending; none: the task's length alone
     weights: tuple[float, ...] = ()  # how often an episode has each length; none: equally often
     grow: float = 0.0  # share of successes at which the next length joins; 0: no curriculum
+    roughen: float = 0.0  # share of successes at which the worlds get rougher; 0: rough at once
 
     def __post_init__(self) -> None:
         for name in ("lengths", "weights"):
@@ -106,8 +108,9 @@ class Mix:
         if not all(least <= weight <= most for weight in self.weights):
             given = ",".join(map(str, self.weights))
             raise InputError(f"weights must be {least:f} to {most:.0f}, got {given}")
-        if not 0 <= self.grow <= 1:
-            raise InputError(f"grow must lie in [0, 1], got {self.grow}")
+        for name in ("grow", "roughen"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"{name} must lie in [0, 1], got {getattr(self, name)}")
         if self.grow and len(self.lengths) < 2:
             raise InputError(
                 f"a curriculum needs several lengths, got {len(self.lengths) or 'one'}:"
@@ -134,6 +137,7 @@ class TrainConfig:
     seed: int = 0
     evaluations: int = 0  # parts of the run, each with an evaluation at its end; 0: one
     name: str = ""  # of the policy; none: by model, graph and lengths
+    start: str = ""  # a policy or a run whose weights the run begins with; none: fresh ones
 
     def __post_init__(self) -> None:
         check_kinds(self)

@@ -1,10 +1,13 @@
 """Which lengths a run trains on now: all of its mix, or a curriculum that grows."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
+from salpchain.tasks.task import Task
 from salpchain.training.config import TrainConfig
 
 WINDOW = 200.0  # latest episodes of each length over which its success is judged (chosen)
@@ -17,13 +20,26 @@ class Curriculum(eqx.Module):
     stage: Int[Array, ""]  # index of the longest length in play
     episodes: Float[Array, " length"]  # at most `WINDOW`, the older ones fading
     goals: Float[Array, " length"]  # of these, reached
+    # Share of their world's settings that episodes are spared besides; None where they never were.
+    ease: Float[Array, ""] | None = None
+
+
+STEP = 0.05  # by which the ease falls (chosen)
 
 
 def new_curriculum(config: TrainConfig) -> Curriculum:
     """The curriculum before its first episode: the shortest length alone where it is to grow."""
     last = len(config.lengths) - 1
     none = jnp.zeros(last + 1)
-    return Curriculum(jnp.int32(0 if config.mix.grow else last), none, none)
+    ease = jnp.ones(()) if config.mix.roughen else None
+    return Curriculum(jnp.int32(0 if config.mix.grow else last), none, none, ease)
+
+
+def eased(env: Task, curriculum: Curriculum) -> Task:
+    """The task in worlds as rough as the curriculum has come to."""
+    if curriculum.ease is None:
+        return env
+    return replace(env, world=replace(env.world, ease=curriculum.ease))
 
 
 def draw_length(config: TrainConfig, curriculum: Curriculum, key: PRNGKeyArray) -> Int[Array, ""]:
@@ -53,7 +69,13 @@ def advance(
     solved = (counted >= ENOUGH) & (reached >= config.mix.grow * counted)
     joins = (solved | ~_in_play(curriculum)).all()
     grown = jnp.minimum(curriculum.stage + joins, len(config.lengths) - 1)
-    return Curriculum(grown, counted, reached)
+    ease = curriculum.ease
+    if ease is not None:
+        many = counted.sum() >= ENOUGH * len(config.lengths)
+        rougher = many & (reached.sum() >= config.mix.roughen * counted.sum())
+        ease = jnp.where(rougher, jnp.maximum(ease - STEP, 0.0), ease)
+        counted, reached = (jnp.where(rougher, 0.0, x) for x in (counted, reached))
+    return Curriculum(grown, counted, reached, ease)
 
 
 def _in_play(curriculum: Curriculum) -> Bool[Array, " length"]:

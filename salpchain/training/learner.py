@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
@@ -22,9 +23,16 @@ from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
 from salpchain.training.cohorts import Tally, count, no_cohorts
 from salpchain.training.config import TrainConfig
-from salpchain.training.curriculum import Curriculum, advance, draw_length, new_curriculum
+from salpchain.training.curriculum import (
+    Curriculum,
+    advance,
+    draw_length,
+    eased,
+    new_curriculum,
+)
 from salpchain.training.ppo import Losses, improve, optimiser, training_samples
 from salpchain.training.rollout import Outcome, Sample, collect, values
+from salpchain.training.start import policy_to_start, with_weights
 from salpchain.training.widths import widths_of
 from salpchain.world.presets import label
 
@@ -57,10 +65,23 @@ class Metrics(eqx.Module):
     terms: dict[str, Float[Array, ""]]  # mean of each reward term per step
     cohort: Tally  # of the episodes of the latest start cohort all of whose episodes have ended
     finite: Finite
+    ease: Float[Array, ""] | None = None  # share of its world that an episode was spared besides
 
 
 def new_state(config: TrainConfig, env: Task) -> TrainState:
-    """A learner before its first step; all randomness follows from `config.seed`."""
+    """A learner before its first step; all randomness follows from `config.seed`.
+
+    Raises:
+        InputError: as `policy_to_start`.
+    """
+    fresh, start = fresh_state(config, env), policy_to_start(config)
+    if start is None:
+        return fresh
+    return eqx.tree_at(lambda x: x.policy, fresh, with_weights(fresh.policy, start))
+
+
+def fresh_state(config: TrainConfig, env: Task) -> TrainState:
+    """`new_state` with fresh weights, whatever it is to start with."""
 
     @jax.jit  # op by op, each would be compiled for itself
     def new(key: PRNGKeyArray) -> TrainState:
@@ -72,7 +93,7 @@ def new_state(config: TrainConfig, env: Task) -> TrainState:
         lengths = jax.vmap(lambda key: draw_length(config, curriculum, jr.fold_in(key, 0)))(
             reset_keys
         )
-        states = jax.vmap(env.reset)(reset_keys, lengths)
+        states = jax.vmap(eased(env, curriculum).reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
         cohorts = no_cohorts(config.task.step_limit, config.ppo.rollout, len(config.lengths))
         return TrainState(policy, state, states, cohorts, curriculum, key, jnp.int32(0))
@@ -147,6 +168,7 @@ def compile_iterate(
 def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainState, Metrics]:
     """A rollout and the update from it, on one device's share of the chains."""
     ppo, widths = config.ppo, widths_of(config.lengths)
+    env = eased(env, learner.curriculum)
     act_key, shuffle_key, key = jr.split(learner.key, 3)
     states, samples, outcomes = collect(
         env, learner.policy, learner.states, act_key, ppo.rollout,
@@ -162,7 +184,8 @@ def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainS
     after = TrainState(
         policy, optimiser_state, states, cohorts, curriculum, key, learner.iteration + 1
     )  # fmt: skip
-    return after, metrics(policy, losses, samples, outcomes, cohort)
+    seen = metrics(policy, losses, samples, outcomes, cohort)
+    return after, replace(seen, ease=learner.curriculum.ease)
 
 
 def metrics(

@@ -29,6 +29,7 @@ def measured(config: TrainConfig, metrics: Metrics) -> Row:
         "episode_steps": mean(cohort.lasted),
         "episode_return": mean(cohort.returns),
         **_by_length(config, metrics),
+        **({} if metrics.ease is None else {"ease": float(metrics.ease)}),
         **{f"reward_{name}": float(value) for name, value in metrics.terms.items()},
         **{f"update_{name}": float(value) for name, value in vars(metrics.losses).items()},
     }

@@ -23,10 +23,18 @@ from salpchain.tasks.task import Task
 from salpchain.training import run_folder
 from salpchain.training.checkpoint import CHECKPOINT_FILE, load_checkpoint, save_checkpoint
 from salpchain.training.config import TrainConfig
-from salpchain.training.learner import TrainState, compile_iterate, divided_over, new_state, place
+from salpchain.training.learner import (
+    TrainState,
+    compile_iterate,
+    divided_over,
+    fresh_state,
+    new_state,
+    place,
+)
 from salpchain.training.metrics import evaluated, without_gaps
 from salpchain.training.run_log import RunLog
 from salpchain.training.settings import elsewhere
+from salpchain.training.start import policy_to_start
 from salpchain.world.config import WorldConfig
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
@@ -72,6 +80,7 @@ def train(
     run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     run_folder.check_free(run)
     use_devices(devices)  # refused, if at all, before anything is written
+    policy_to_start(config)  # likewise
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
         devices = _create(config, run, devices)
@@ -190,10 +199,9 @@ def train_together(
 
 
 def _saved_or_new(env: Task, config: TrainConfig, run: Path) -> TrainState:
-    new = partial(new_state, config, env)
     if (run / CHECKPOINT_FILE).exists():
-        return load_checkpoint(run, jax.eval_shape(new))
-    return new()
+        return load_checkpoint(run, jax.eval_shape(partial(fresh_state, config, env)))
+    return new_state(config, env)
 
 
 @dataclass

@@ -39,15 +39,16 @@ def draw_world(
     slots: int,
     length: int | Int[Array, ""],
     steps: int | Int[Array, ""],
+    ease: Scalar | None = None,
 ) -> World:
     """A world for one episode of a chain of `length` units of `slots`, at most `steps` long.
 
     A part of the config that is as in still water is None in the world, and a number that is fixed
-    is fixed in the program.
+    is fixed in the program. With `ease`, that share of the settings is spared besides.
     """
     given = config
-    if config.spared.most > 0:
-        config = _sparing(config, jr.fold_in(key, SPARED_STREAM))
+    if config.spared.most > 0 or ease is not None:
+        config = _sparing(config, jr.fold_in(key, SPARED_STREAM), ease)
     dynamics, current, thrusters, sensing = jr.split(key, 4)
     physics = _dynamics(config.dynamics, dynamics)
     return World(
@@ -56,13 +57,15 @@ def draw_world(
         thrusters=_thrusters(config.thrusters, thrusters, slots, length, steps),
         sensing=_sensing(config.sensing, sensing),
         drawn_from=given,
+        ease=ease,
     )
 
 
-def _sparing(config: WorldConfig, key: PRNGKeyArray) -> WorldConfig:
+def _sparing(config: WorldConfig, key: PRNGKeyArray, ease: Scalar | None) -> WorldConfig:
     """The settings with some of them, each by itself, as in still water."""
     share_key, key = jr.split(key)
     share = _drawn(share_key, config.spared)
+    share = share if ease is None else ease + (1 - ease) * share
 
     def which(path: str) -> Int[Array, ""]:
         spared = jr.bernoulli(jr.fold_in(key, crc32(path.encode())), share)

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from salpchain.given import instance
 from salpchain.physics.chain import step
 from salpchain.physics.obstacles import Obstacles
-from salpchain.physics.state import Chain, Physics
+from salpchain.physics.state import Chain, Physics, Scalar
 from salpchain.world.config import WorldConfig
 from salpchain.world.current import Current, carried
 from salpchain.world.sensing import Sensing
@@ -31,6 +31,7 @@ class World(eqx.Module):
     obstacles: Obstacles | None = None
     sensing: Sensing | None = None
     drawn_from: WorldConfig | None = eqx.field(default=None, static=True)  # for each episode
+    ease: Scalar | None = None  # share of what it is drawn from that episodes are spared besides
 
     def __check_init__(self) -> None:
         instance("World.dynamics", self.dynamics, Physics, "a Physics")

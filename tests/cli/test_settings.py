@@ -51,6 +51,7 @@ VALUES = {
     "mix.lengths": ("4..6", (4, 5, 6), (), "1,2"),
     "mix.weights": ("1,2", (1.0, 2.0), ("mix.lengths=4,8",), "nan"),
     "mix.grow": ("0.9", 0.9, ("mix.lengths=4,8",), "90"),
+    "mix.roughen": ("0.8", 0.8, (), "80"),
     "task.name": ("follow", "follow", (), "folow"),
     "world.name": ("rough", "rough", (), "tough"),
     "world.dynamics.mass": ("0.8:1.2", (0.8, 1.2), (), "0"),
@@ -93,6 +94,7 @@ VALUES = {
     "seed": ("7", 7, (), "-7"),
     "evaluations": ("4", 4, (), "-1"),
     "name": ("eight", "eight", (), "any-length"),
+    "start": ("any-length", "any-length", (), "no-such-run"),
 }
 
 

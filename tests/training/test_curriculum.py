@@ -15,14 +15,17 @@ from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
 from salpchain.tasks.renew import renew_done
 from salpchain.training.config import Mix, PPOConfig
-from salpchain.training.curriculum import advance, draw_length, new_curriculum
+from salpchain.training.curriculum import advance, draw_length, eased, new_curriculum
+from salpchain.training.learner import new_state
 from salpchain.training.ppo import TrainingSample, loss
 from salpchain.training.presets import choose
 from salpchain.training.rollout import Sample, log_probs
 from salpchain.training.run_folder import read_config, read_log
 from salpchain.training.trainer import resume, train
+from salpchain.world.presets import world_config
 from tests.training.small import small
 
 
@@ -188,3 +191,79 @@ def test_a_mix_that_cannot_be_is_refused_in_one_line(values, word):
     with pytest.raises(InputError, match=word) as error:
         Mix(*values)
     assert "\n" not in str(error.value)
+
+
+def test_worlds_get_rougher_when_enough_episodes_succeed():
+    config = mixed(Mix((2, 3), roughen=0.8))
+    curriculum = new_curriculum(config)
+    assert float(curriculum.ease) == 1
+    many = jnp.array([150.0, 60.0])
+    assert float(advance(config, curriculum, many, 0.7 * many).ease) == 1
+    rougher = advance(config, curriculum, many, 0.9 * many)
+    assert float(rougher.ease) == pytest.approx(0.95)
+    assert float(rougher.episodes.sum()) == 0  # judged anew, in the rougher worlds
+    for _ in range(30):
+        rougher = advance(config, rougher, many, many)
+    assert float(rougher.ease) == 0
+    assert new_curriculum(mixed(Mix((2, 3)))).ease is None
+
+
+def test_an_eased_episode_is_spared_that_share_of_its_world():
+    config = mixed(Mix((2, 3), roughen=0.8), world=world_config("sea"))
+    env = make_task(config.task, config.world)
+    reset = jax.jit(lambda keys, ease: jax.vmap(at_ease(config, env, ease).reset)(keys))
+    keys = jr.split(jr.key(0), 400)
+    drags = [float((reset(keys, ease).world.dynamics.drag == 0.25).mean()) for ease in (1.0, 0.0)]
+    assert drags == [1.0, pytest.approx(0.5, abs=0.1)]  # by itself, it is spared any share
+    plain = jax.jit(jax.vmap(env.reset))(keys)
+    assert float((plain.world.dynamics.drag == 0.25).mean()) == drags[1]
+
+
+def at_ease(config, env, ease):
+    return eased(env, dataclasses.replace(new_curriculum(config), ease=jnp.asarray(ease)))
+
+
+def test_a_run_in_rougher_and_rougher_worlds_says_how_rough_they_are(tmp_path, monkeypatch):
+    monkeypatch.setattr("salpchain.training.curriculum.ENOUGH", 4.0)
+    config = mixed(Mix((2, 3), roughen=0.01), world=world_config("sea"))
+    always = dataclasses.replace(config.task, most_steps=8, tolerance=1.0)  # soon there
+    config = dataclasses.replace(config, task=always, steps=4 * config.steps)
+    train(config, tmp_path / "run")
+    ease = [float(row["ease"]) for row in read_log(tmp_path / "run")]
+    assert ease[0] == 1 and (np.diff(ease) <= 0).all() and ease[-1] < 1
+
+
+def test_a_run_begins_with_the_weights_of_another_and_what_is_new_counts_for_nothing():
+    config = mixed(Mix((2, 3)), start="any-length", control=load("any-length").card.control)
+    for observation in ("proximity", "jets"):
+        task = dataclasses.replace(config.task, observation=observation)
+        env = make_task(task)
+        policy = new_state(dataclasses.replace(config, task=task), env).policy
+        state = jax.jit(env.reset)(jr.key(0))
+        state = jax.jit(env.step)(state, 0.5 + jnp.zeros((3, 1)))  # the own jet is felt
+        known = make_task(dataclasses.replace(task, observation="proximity"))
+        seen = known.observe(state.chain, state.target, state.force)
+        whole = state.obs, state.chain.present, state.chain.joined
+        mine = policy.act(*whole)
+        theirs = load("any-length").network.act(seen, *whole[1:])
+        np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"start": "nowhere"}, "no such run folder or policy: nowhere"),
+        ({"start": "greedy"}, "greedy has no weights"),
+        ({"control": ControlConfig()}, "another control"),
+        ({"observation": "body"}, "observes proximity, with which what units .* does not begin"),
+        ({"action": "pair"}, "another action: thrust, this run pair"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused_before_anything_is_written(changes, said, tmp_path):
+    control = changes.pop("control", load("any-length").card.control)
+    start = changes.pop("start", "any-length")
+    config = mixed(Mix((2, 3)), start=start, control=control)
+    task = dataclasses.replace(config.task, **{"observation": "proximity", **changes})
+    with pytest.raises(InputError, match=said):
+        train(dataclasses.replace(config, task=task), tmp_path / "run")
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,58 @@
+"""Weights that a run begins with: those of a policy that was trained before."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from salpchain.controllers.policy import Policy
+from salpchain.controllers.storage import load
+from salpchain.errors import InputError
+from salpchain.networks.actor_critic import ActorCritic
+from salpchain.networks.config import SINGLE_LENGTH
+from salpchain.tasks.features import layout
+from salpchain.training.config import TrainConfig
+
+
+def policy_to_start(config: TrainConfig) -> Policy | None:
+    """The policy whose weights the run begins with, if it does not begin with fresh ones.
+
+    Raises:
+        InputError: there is none, it has another network or other actions, or what it observes is
+            not what units of this run observe first.
+    """
+    if not config.start:
+        return None
+    given, task = load(config.start), config.task
+    card, wanted = given.card, layout(task.observation)
+    for what, own, other in (
+        ("control", config.control, card.control),
+        ("action", task.action, card.action),
+    ):
+        if own != other:
+            raise InputError(f"start {config.start} has another {what}: {other}, this run {own}")
+    if card.control.model in SINGLE_LENGTH and card.length != task.length:
+        raise InputError(f"start {config.start} works at {card.length} units, got {task.length}")
+    had = layout(card.observation)
+    if wanted[: len(had)] != had:
+        raise InputError(
+            f"start {config.start} observes {card.observation}, with which what units of this run"
+            f" observe ({task.observation}) does not begin"
+        )
+    return given
+
+
+def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
+    """The network with the weights of the policy.
+
+    Where its units observe more, that counts for nothing at first, so that the run begins with what
+    the policy does.
+    """
+
+    def put(new: Array, old: Array) -> Array:
+        more = [(0, there - here) for here, there in zip(old.shape, new.shape, strict=True)]
+        return jnp.pad(old.astype(new.dtype), more)
+
+    weights: Any = jax.tree.map(put, fresh, policy.network)
+    return weights
