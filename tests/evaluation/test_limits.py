@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 from salpchain.evaluation.limits import (
+    Means,
     acceleration,
     angle_turned,
     centre_of_mass,
     centroid_slack,
     cruising_speed,
     distance_covered,
+    drift,
     fewest_steps,
     least_distance,
     reachable,
@@ -21,6 +23,8 @@ from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest, heading
 from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.tasks.reach.reward import reached
+from salpchain.world.current import Uniform
+from salpchain.world.world import World
 from tests.physics.poses import LINK, along, bent
 
 PHYSICS = Physics()
@@ -190,3 +194,78 @@ def test_a_target_within_reach_can_be_closed_in_full_and_a_far_one_by_speed_time
     limit = distance_covered(PHYSICS, 8, 512) + centroid_slack(PHYSICS, 8)
     assert float(least_distance(PHYSICS, chain, far, 512)) == pytest.approx(100 - limit, rel=1e-5)
     assert float(reachable(PHYSICS, chain, far, 512)) == pytest.approx(limit / 100, rel=1e-4)
+
+
+FLOW = np.array([0.03, -0.05])
+
+
+def carried(thrust, steps, physics=PHYSICS):
+    """Ways of the centre of mass of a straight chain of 6 in a uniform current."""
+    world, chain = World(physics, current=Uniform(FLOW)), straight(6, physics)
+    start = centre_of_mass(physics, chain)
+
+    def advance(chain, _):
+        chain = world.step(chain, jnp.full(6, thrust), contact=False)
+        return chain, centre_of_mass(physics, chain) - start
+
+    return np.asarray(jax.jit(lambda: jax.lax.scan(advance, chain, None, steps)[1])())
+
+
+def test_a_chain_without_thrust_drifts_as_the_closed_form_says():
+    ways = carried(0.0, 40)
+    bound = [FLOW * drift(PHYSICS, k) for k in range(1, 41)]
+    np.testing.assert_allclose(ways, bound, rtol=1e-3, atol=1e-6)
+    assert float(drift(Physics(drag=0.0), 40)) == 0  # nothing carries what has no drag
+
+
+def test_thrust_and_water_add_up():
+    rigid = Physics(angle_stiffness=5.0)
+    ways = carried(1.0, 40, rigid)
+    own = [float(distance_covered(rigid, 6, k)) for k in range(1, 41)]
+    along = FLOW[1] * np.array([float(drift(rigid, k)) for k in range(1, 41)])
+    np.testing.assert_allclose(ways[:, 1], own + along, rtol=2e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("away", [0.3, 2.0])
+@pytest.mark.parametrize("flow", [(0.0, 0.04), (0.0, -0.04), (0.05, 0.0)])
+@pytest.mark.parametrize("thrust", [1.0, 0.5])
+def test_the_fewest_steps_in_a_current_are_the_first_after_which_the_goal_is_in_reach(
+    away, flow, thrust
+):
+    chain, flow = straight(8), jnp.array(flow)
+    target, means = chain.units.position + jnp.array([0.0, away]), Means(thrust, flow)
+    fewest = int(fewest_steps(PHYSICS, chain, target, 0.05, 2000, means))
+    slack = 0.05 + float(centroid_slack(PHYSICS, 8))
+
+    def ahead(k):
+        own = thrust * float(distance_covered(PHYSICS, 8, k))
+        return own + float(flow[1] * drift(PHYSICS, k))
+
+    assert ahead(fewest) >= away - slack - 1e-5
+    assert all(ahead(k) < away - slack + 1e-5 for k in range(1, fewest))
+    plain = int(fewest_steps(PHYSICS, chain, target, 0.05, 2000))
+    assert (fewest > plain) == (thrust < 1 or float(flow[1]) < 0)
+
+
+def test_against_water_that_is_faster_than_it_swims_a_chain_comes_nowhere():
+    chain, speed = straight(8), float(cruising_speed(PHYSICS, 8))
+    target = chain.units.position + jnp.array([0.0, 5.0])
+    for share, there in ((0.9, True), (1.1, False)):
+        means = Means(1.0, jnp.array([0.0, -share * speed]))
+        fewest = int(fewest_steps(PHYSICS, chain, target, 0.05, 5000, means))
+        assert (fewest < 5000) == there
+        far = float(reachable(PHYSICS, chain, target, 5000, means, 5000))
+        assert (far > 0.999) == there
+    stirred = Means(0.0, None, 0.1)  # water that may help anywhere: no limit but its speed
+    fewest = int(fewest_steps(PHYSICS, chain, target, 0.05, 5000, stirred))
+    assert fewest == pytest.approx(5.0 / 0.1 / 0.1, rel=0.05)
+
+
+def test_what_is_reachable_in_water_is_the_best_moment_before_the_limit():
+    """Water that carries a chain without thrusters past its target."""
+    chain = straight(8)
+    target, means = chain.units.position + jnp.array([1.0, 0.0]), Means(0.0, jnp.array([0.1, 0.0]))
+    assert float(reachable(PHYSICS, chain, target, 1000, means, 1000)) == pytest.approx(1.0)
+    left = 1.0 - 0.1 * float(drift(PHYSICS, 50)) - float(centroid_slack(PHYSICS, 8))
+    short = reachable(PHYSICS, chain, target, 50, means, 1000)
+    assert float(short) == pytest.approx(1 - left, abs=1e-4)

@@ -18,7 +18,9 @@ from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.progress import telling
 from salpchain.evaluation.recording import record
 from salpchain.evaluation.trials import play, run_limits, run_trials, start_keys
+from salpchain.ranges import Range
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
+from salpchain.world.config import CurrentConfig, ThrusterConfig, WorldConfig
 from tests.evaluation.controllers import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
@@ -303,3 +305,35 @@ def test_trials_that_go_on_alone_end_as_they_do_among_all(monkeypatch):
     assert sizes[0] == TRIALS
     assert sizes[-1] <= TRIALS / 4
     pd.testing.assert_frame_equal(alone, among_all, rtol=0.02)
+
+
+STREAM = WorldConfig(current=CurrentConfig(speed=Range(0.05, 0.05)))
+DEAD = WorldConfig(thrusters=ThrusterConfig(dead=Range(0.25, 0.25)))
+SWIRL = WorldConfig(current=CurrentConfig(vortex=Range(0.05, 0.05)))
+CHANGING = WorldConfig(current=CurrentConfig(wander=Range(0.02, 0.02)))
+
+
+@pytest.mark.parametrize("world", [STREAM, DEAD, SWIRL])
+def test_no_controller_beats_the_limits_of_its_own_world(greedy, world):
+    (there,) = run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED, world=world)
+    assert (there.closed_fraction <= there.reachable + 1e-6).all()
+    reached = there[there.success]
+    assert len(reached) > 0 and (reached.steps_to_goal >= reached.fewest_steps).all()
+    assert there.possible.all() and not there.fewest_steps.equals(greedy.fewest_steps)
+
+
+def test_nobody_knows_the_limits_of_water_that_changes_by_chance():
+    (there,) = run_trials([Greedy()], LENGTH, 3, "fixed", SEED, world=CHANGING)
+    unknown = there.loc[~there.success, ["reachable", "fewest_steps", "turn_steps", "regret"]]
+    assert len(unknown) and unknown.isna().all(axis=None)
+    assert there.possible.all()
+
+
+def test_what_physics_forbids_is_told_as_impossible():
+    none = WorldConfig(thrusters=ThrusterConfig(dead=Range(1.0, 1.0)))
+    (dead,) = run_trials([Greedy()], LENGTH, 3, "fixed", SEED, world=none)
+    assert not dead.possible.any() and not dead.success.any()
+    fast = WorldConfig(current=CurrentConfig(speed=Range(0.9, 0.9)))
+    (swept,) = run_trials([Greedy()], LENGTH, 12, "fixed", SEED, world=fast)
+    assert 0 < swept.possible.sum() < 12  # only who is swept towards the target
+    assert not swept.success[~swept.possible].any()

@@ -55,6 +55,26 @@ def test_around_tells_the_water_the_nearest_surface_and_the_own_thruster():
     np.testing.assert_array_equal(state.obs[:, -1], gain)
 
 
+def test_jets_tell_what_the_own_thruster_can_do_forwards_and_backwards_and_what_it_did():
+    gain, one_way = jnp.array([1.0, 0.0, 0.5, 1.0]), jnp.array([False, True])
+    proximity = SCLD(TaskConfig(4, "proximity"))
+
+    def after(one_sided):
+        task = SCLD(TaskConfig(4, "jets"), World(thrusters=Thrusters(gain, one_sided=one_sided)))
+        return task.step(task.reset(jr.key(0)), jnp.array([[0.8], [0.8], [0.8], [-0.8]]))
+
+    for one_sided, states in ((False, after(False)), (True, after(True))):
+        able = np.asarray(states.obs[:, -3:])
+        np.testing.assert_array_equal(able[:, 0], gain)
+        np.testing.assert_array_equal(able[:, 1], 0 * gain if one_sided else gain)
+        last = 0.0 if one_sided else -0.8
+        np.testing.assert_allclose(able[:, 2], [0.8, 0.0, 0.4, last], atol=1e-3)
+        known = proximity.observe(states.chain, states.target, states.force)
+        np.testing.assert_allclose(states.obs[:, :-3], known, atol=1e-6)
+    traced = jax.vmap(after)(one_way)  # some jets of a batch may push one way
+    np.testing.assert_array_equal(traced.obs[:, 3, -2], [1.0, 0.0])
+
+
 def test_rays_are_clear_without_obstacles_and_named_one_by_one():
     assert [field.name for field in RAYS.fields][::4] == [
         "clear way at 0 degrees",
