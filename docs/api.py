@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 SECTIONS = {
     "Train": "train resume preset TrainConfig PPOConfig Mix ControlConfig new_learner iterate"
     " Learner",
-    "Evaluate and record": "evaluate record Trajectory",
+    "Evaluate and record": "evaluate run_suite record Trajectory",
     "Controllers": "load save_policy Policy PolicyCard Controller Greedy Approach MPC steering"
     " identity",
     "Tasks": "SCLD TaskConfig FollowConfig Task State Start Judgement make_task renew_done",
