@@ -41,8 +41,8 @@ WORLDS: dict[str, WorldConfig] = {
         current=CurrentConfig(
             speed=Range(0.0, 0.08),
             shear=Range(0.0, 0.1),
-            vortex=Range(0.0, 0.08),
-            wander=Range(0.0, 0.03),
+            vortex=Range(0.0, 0.03),
+            wander=Range(0.0, 0.02),
         ),
         thrusters=ThrusterConfig(
             dead=Range(0.0, 0.5),
