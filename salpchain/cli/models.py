@@ -32,7 +32,7 @@ class Models:
     """Training length, which sets the number of log-stds. Default: 8."""
     observation: Name = ""
     """What the units observe: table1 (the paper's; default), body, proximity (as any-length),
-    anonymous, metric, around or one of your own, module:NAME."""
+    anonymous, metric, around, jets or one of your own, module:NAME."""
     json: Flag = False
     """Print all of it, model cards included, as JSON alone."""
 

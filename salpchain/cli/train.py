@@ -77,8 +77,8 @@ class Train:
     """body (a unit's own view; quick on one length), table1 (the paper's 24 numbers; paper),
     proximity (body and the nearest unit that is no neighbour; quick on several lengths), anonymous
     (proximity without the place in the chain), metric (proximity with what is far in metres),
-    around (proximity, the water, the nearest surface, the own thruster) or one of your own,
-    module:NAME."""
+    around (proximity, the water, the nearest surface, the own thruster), jets (proximity, and what
+    the own thruster can do and did) or one of your own, module:NAME."""
     task: Task = ""
     """What it is to do: reach (the paper's: take a target pose; default), follow (a target that
     moves), or one of your own, module:Class."""

@@ -24,7 +24,11 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
     """
     if not config.start:
         return None
-    given, task = load(config.start), config.task
+    task = config.task
+    try:
+        given = load(config.start)
+    except InputError as error:
+        raise InputError(f"start: {error}") from None
     card, wanted = given.card, layout(task.observation)
     for what, own, other in (
         ("control", config.control, card.control),

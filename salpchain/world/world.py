@@ -5,7 +5,8 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from salpchain.given import instance
+from salpchain.errors import InputError
+from salpchain.given import instance, is_scalar, told
 from salpchain.physics.chain import step
 from salpchain.physics.obstacles import Obstacles
 from salpchain.physics.state import Chain, Physics, Scalar
@@ -39,6 +40,8 @@ class World(eqx.Module):
             part = getattr(self, name)
             if part is not None:
                 instance(f"World.{name}", part, kind, f"a {kind.__name__}, or None")
+        if self.ease is not None and not is_scalar(self.ease):
+            raise InputError(f"World.ease must be a number, or None, got {told(self.ease)}")
 
     def thrust(
         self, asked: Float[Array, " unit"], before: Float[Array, " unit"], time: Int[Array, ""]
