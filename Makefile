@@ -1,4 +1,5 @@
-# Two commands: `make demo` and `make test`. Both set up everything in .venv first.
+# Two commands: `make demo` and `make test`. Both set up everything in .venv first. `make test-all`
+# runs the slow tests too: whole studies, runs that are killed, every program of the docs.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -6,22 +7,23 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= demo
 NAME ?= here
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test test-all lint bench clean
 
 demo: $(VENV)/.installed
 	$(BIN)/salpchain demo --out $(OUT)
 
 # Compiling takes most of the time of the tests. They share programs, with the next run too, and
 # the older code generator of XLA takes half as long for code that is as quick.
-test: export JAX_COMPILATION_CACHE_DIR ?= $(HOME)/.cache/salpchain-tests
-test: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.2
-test: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
-test: $(VENV)/.tested $(VENV)/.browser
+test test-all: export JAX_COMPILATION_CACHE_DIR ?= $(HOME)/.cache/salpchain-tests
+test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.2
+test test-all: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
+test: SOME := -m "not slow"
+test test-all: $(VENV)/.tested $(VENV)/.browser
 	@find "$$JAX_COMPILATION_CACHE_DIR" -type f -mtime +14 -delete 2>/dev/null || true
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(SOME)
 
 bench: $(VENV)/.tested
 	$(BIN)/python -m benchmarks.run --name $(NAME) $(if $(OVERWRITE),--overwrite)

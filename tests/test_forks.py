@@ -35,6 +35,7 @@ def test_the_package_refuses_a_forked_worker_and_writes_nothing():
     assert [name for name, answer in answers.items() if not is_refused(answer)] == []
 
 
+@pytest.mark.slow
 def test_every_bridge_refuses_a_forked_worker_but_the_one_that_needs_no_jax():
     answers, _ = run("bridges")
     assert answers.pop("VMAS") == "worked"

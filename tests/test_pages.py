@@ -70,6 +70,7 @@ def test_every_block_says_what_it_is(block):
     assert block.language in LANGUAGES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", PROGRAMS, ids=names)
 def test_a_program_runs(block, tmp_path):
     """As a file, for some name what is in it as `mine:NAME`."""
@@ -173,6 +174,7 @@ def check_ours(words, monkeypatch):
         assert not source or own or "/" in source or source.isupper(), source
 
 
+@pytest.mark.slow
 def test_the_readmes_commands_run_in_their_order(tmp_path):
     ours = [w[1:] for b in blocks(PAGES[0]) if b.language == "sh" for w in commands(b.code)
             if w[0] == "salpchain" and SMALL[w[1]] is not None]  # fmt: skip

@@ -45,6 +45,7 @@ def outcomes(part):
     return all_outcomes()[part]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["sweep", "bridges"])
 def test_every_argument_of_every_public_function_is_accepted_or_refused_in_one_line(part):
     told = outcomes(part)

@@ -274,6 +274,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(tmp_path, monkeypatch, 
     assert list(out.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_evaluate_writes_both_files_in_the_stated_form(policy, tmp_path, capsys):
     out = tmp_path / "results"
     words = ["evaluate", str(policy), "--lengths", "2,3", "--trials", "3", "--out", str(out)]
@@ -534,6 +535,7 @@ def test_a_file_that_exists_is_replaced_only_when_that_was_asked(twins, tmp_path
         assert out.stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_figure_that_would_show_something_else_is_kept(tmp_path, capsys):
     for trials in ("2", "3"):
         words = ["evaluate", "greedy", "--lengths", "2", "--trials", trials]

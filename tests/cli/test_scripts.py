@@ -24,6 +24,7 @@ def test_models_are_json_with_what_the_list_says(capsys):
     }
 
 
+@pytest.mark.slow
 def test_speeds_are_json_with_one_entry_for_each_length_and_part(capsys):
     content = printed(capsys, "bench", "--lengths", "2", "--envs", "2", "--world", "current")
     assert content["envs"] == 2 and {row["length"] for row in content["measurements"]} == {2}
@@ -103,6 +104,7 @@ def test_the_line_of_usage_says_what_the_page_explains(command, capsys):
     assert [word for word in words if word not in rest] == []
 
 
+@pytest.mark.slow
 def test_what_is_piped_has_no_colours(tmp_path):
     words = ["evaluate", "greedy", "--lengths", "2", "--trials", "1", "--out", str(tmp_path)]
     for command in (["train", "--help"], ["models"], words):

@@ -150,6 +150,7 @@ def test_a_planner_does_not_plan_on_while_the_baseline_swims(monkeypatch):
     assert (summary["policy"], summary["baseline"]["policy"]) == ("mpc", "greedy")
 
 
+@pytest.mark.slow
 def test_a_controller_that_remembers_and_its_baseline_start_alike():
     summary = evaluate(Delayed(Constant(0.5)), [3], 4, "fixed", 7)
     own, other = summary["lengths"][0], summary["baseline"]["lengths"][0]

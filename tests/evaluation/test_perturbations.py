@@ -65,6 +65,7 @@ def test_a_larger_thrust_limit_is_a_larger_thrust():
     assert float(jnp.abs(moved).max()) > 0.02
 
 
+@pytest.mark.slow
 def test_trials_are_played_with_the_physics_given():
     heavy, plain = (
         run_trials([Greedy()], 4, 8, "fixed", 0, world=physics)[0]

@@ -58,6 +58,7 @@ SAMPLED = [("still", "none"), ("noise", "hard"), ("dead", "medium"), ("current",
 SAMPLED += [("one-sided", "hard"), ("physics", "hard"), ("substeps", "easy"), ("all", "medium")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("trouble", "grade"), SAMPLED)
 def test_a_cell_is_what_its_worlds_are_by_themselves(played, trouble, grade):
     cells, frame = played
@@ -95,6 +96,7 @@ def test_worlds_of_one_cell_must_share_their_substeps():
         run_cells(Greedy(), list(few().cells(2)), 2, 2, "scaled", 0, task=SHORT)
 
 
+@pytest.mark.slow
 def test_the_summary_is_that_of_the_trials(tmp_path, monkeypatch):
     world = WorldConfig(dynamics=DynamicsConfig(drag=as_range(3.0)))
     thick = {"thick": lambda grade, length: {"thick": world}}

@@ -74,6 +74,7 @@ def prose(page):
     return [html.unescape(re.sub(r"<[^>]+>", "", text)) for text in [*inside, *evidence]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("grid", "runs", "how"), CASES.values(), ids=CASES)
 def test_every_sentence_is_whole(tmp_path, grid, runs, how):
     page = study(tmp_path, grid, runs, **how).read_text()
@@ -94,6 +95,7 @@ def test_what_was_not_trained_or_has_no_episode_is_called_so(tmp_path):
     assert "Not one of the best controllers has been tested yet." in page
 
 
+@pytest.mark.slow
 def test_one_line_on_top_counts_the_claims_and_the_runs(tmp_path):
     place = study(tmp_path, WIDE, 3)
     record = json.loads((place.parent / "study.json").read_text())
@@ -108,6 +110,7 @@ def test_one_line_on_top_counts_the_claims_and_the_runs(tmp_path):
     assert f"all {len(WIDE.jobs())} runs are whole." in study(tmp_path / "b", WIDE, 99).read_text()
 
 
+@pytest.mark.slow
 def test_figures_come_before_tables(tmp_path):
     place = study(tmp_path, WIDE, 99)
     page, text = place.read_text(), place.with_suffix(".md").read_text()
@@ -135,6 +138,7 @@ CONTRAST = """() => {
 }"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_page_fits_its_screen_and_can_be_read_in_light_and_dark(

@@ -80,6 +80,7 @@ def test_a_whole_study_is_not_done_again(undisturbed):
     assert after == before
 
 
+@pytest.mark.slow
 def test_a_study_that_was_killed_goes_on_and_ends_with_the_same_policies(undisturbed, tmp_path):
     folder = tmp_path / "killed"
     first, second = GRID.jobs()
@@ -96,6 +97,7 @@ def test_a_study_that_was_killed_goes_on_and_ends_with_the_same_policies(undistu
     assert policies(folder) == policies(undisturbed)
 
 
+@pytest.mark.slow
 def test_a_damaged_result_is_named_and_set_aside_then_done_again(undisturbed, tmp_path):
     folder = tmp_path / "damaged"
     shutil.copytree(undisturbed, folder)
@@ -117,6 +119,7 @@ def test_another_grid_is_refused_in_one_line(undisturbed):
     assert status == 2 and said.count("\n") == 1 and "another grid: trials 2 there, 3 given" in said
 
 
+@pytest.mark.slow
 def test_on_a_ray_cluster_that_loses_a_node_it_ends_with_the_same_policies(
     undisturbed, tmp_path, monkeypatch
 ):

@@ -106,6 +106,7 @@ def exact_errors(contact):
     return error, np.asarray(jax.jit(jax.vmap(move))(chains, push).touching)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [False, True])
 def test_exact_derivatives_of_a_step_are_its_finite_differences_where_units_touch_too(contact):
     error, touching = exact_errors(contact)

@@ -141,6 +141,7 @@ def test_episodes_that_start_on_their_target_count_for_nothing(tmp_path):
     assert episodes < 0.05 * config.total_steps  # that many have ended: one in each step
 
 
+@pytest.mark.slow
 def test_a_run_on_several_lengths_logs_each_and_goes_on_where_it_was(tmp_path):
     config = mixed(Mix((2, 3), (2.0, 1.0), grow=0.5), ppo=dataclasses.replace(small().ppo, envs=32))
     config = dataclasses.replace(config, steps=3 * config.ppo.batch)
@@ -223,6 +224,7 @@ def at_ease(config, env, ease):
     return eased(env, dataclasses.replace(new_curriculum(config), ease=jnp.asarray(ease)))
 
 
+@pytest.mark.slow
 def test_a_run_in_rougher_and_rougher_worlds_says_how_rough_they_are(tmp_path, monkeypatch):
     monkeypatch.setattr("salpchain.training.curriculum.ENOUGH", 4.0)
     config = mixed(Mix((2, 3), roughen=0.01), world=world_config("sea"))

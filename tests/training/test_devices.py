@@ -23,6 +23,7 @@ ITERATIONS = 4
 SEEDS = [dataclasses.replace(small(ITERATIONS), seed=seed) for seed in (0, 1)]
 
 
+@pytest.mark.slow
 def test_four_devices_learn_what_one_does_up_to_the_order_of_sums():
     command = [sys.executable, "-m", "tests.training.shared"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=400)
@@ -48,6 +49,7 @@ def folders(place):
     return [place / str(config.seed) for config in SEEDS]
 
 
+@pytest.mark.slow
 def test_seeds_side_by_side_learn_what_each_does_alone(alone, tmp_path):
     train_together(SEEDS, folders(tmp_path), devices=1)
     for own, other in zip(folders(tmp_path), folders(alone), strict=True):
@@ -61,6 +63,7 @@ def test_seeds_side_by_side_learn_what_each_does_alone(alone, tmp_path):
     assert one != two
 
 
+@pytest.mark.slow
 def test_seeds_that_were_stopped_at_different_iterations_all_come_to_their_end(alone, tmp_path):
     def stop(metrics, step):
         if step >= 2 * SEEDS[0].ppo.batch:

@@ -48,6 +48,7 @@ def undisturbed(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_run_killed_again_and_again_ends_with_the_weights_of_one_never_disturbed(undisturbed):
     folder, cache = undisturbed.parent / "killed", undisturbed.parent / "cache"
     chance = random.Random(0)
@@ -71,6 +72,7 @@ def test_a_run_killed_again_and_again_ends_with_the_weights_of_one_never_disturb
     assert len(ours) == ITERATIONS and ours == theirs
 
 
+@pytest.mark.slow
 def test_ctrl_c_saves_and_the_run_goes_on(undisturbed):
     folder, cache = undisturbed.parent / "interrupted", undisturbed.parent / "cache"
     process = start(folder, cache)
@@ -83,6 +85,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(undisturbed):
     assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_compiling_leaves_a_run_that_goes_on(undisturbed):
     folder, cache = undisturbed.parent / "early", undisturbed.parent / "no cache"
     process = start(folder, cache)
@@ -95,6 +98,7 @@ def test_ctrl_c_while_compiling_leaves_a_run_that_goes_on(undisturbed):
     assert (folder / CHECKPOINT_FILE).read_bytes() == (undisturbed / CHECKPOINT_FILE).read_bytes()
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_the_log_opens_leaves_it_closed_and_the_run_goes_on(tmp_path, monkeypatch):
     boards = []
 

@@ -48,6 +48,7 @@ def run(trained, tmp_path):
     return shutil.copytree(trained, tmp_path / "plain")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_under_every_switch_all_works_or_names_the_remedy(switch, run, tmp_path):
     deeds, new = HANDLERS.get(switch, "swim,train"), tmp_path / "new"

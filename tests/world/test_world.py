@@ -206,6 +206,7 @@ def test_a_world_whose_parts_are_none_has_the_operations_of_the_plain_one():
     assert plain != operations(salpchain.SCLD(config, "failing"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WORLDS)
 def test_every_named_world_swims_in_a_batch_of_mixed_lengths(name):
     env = salpchain.SCLD(TaskConfig(length=6), name)
@@ -239,6 +240,7 @@ def farthest(world):
     return float(state.chain.units.position[:, 1].max())
 
 
+@pytest.mark.slow
 def test_a_wall_in_the_world_stops_what_swims_against_it():
     wall = make_obstacles(walls=[((-1.0, 0.2), (1.0, 0.2), 0.1)])  # its face is at y = 0.15 m
     assert farthest(World()) > 0.3
@@ -257,6 +259,7 @@ def test_an_unknown_world_is_refused_with_the_names():
             use(TaskConfig(), "choppy")
 
 
+@pytest.mark.slow
 def test_policies_are_tested_and_shown_in_a_world_that_draws_its_physics(tmp_path):
     tested = salpchain.evaluate("greedy", 3, 4, world="rough", out=tmp_path)
     assert tested["world"] == "rough" and 0 <= tested["lengths"][0]["success"]["mean"] <= 1
@@ -274,6 +277,7 @@ def test_the_limits_of_a_world_with_drawn_drag_are_those_of_each_drag():
     np.testing.assert_allclose([swum(0.0), swum(0.2), swum(0.5)], naive, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_action_of_nan_ends_the_episode_and_nothing_turns_nan_in_any_world():
     for name in WORLDS:
         env = salpchain.SCLD(TaskConfig(length=UNITS), name)

@@ -103,6 +103,7 @@ def test_the_papers_action_pair_is_forward_minus_backward_each_from_0_to_1():
     np.testing.assert_allclose(env.env.thrust(chain, action), [1.0, -1.0, 0.0, 0.75], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_renewing_finished_episodes_leaves_the_others_bit_identical():
     env = env_of(4)
     states = env.reset_all(jr.split(jr.key(0), 40))
@@ -173,6 +174,7 @@ for wrong in ({"fence": "no"}, {"contact": None}, {"fence": 3}, {"length": "8"},
     assert len(said) == 7 and said[0] == "fence must be True or False, got 'no'"
 
 
+@pytest.mark.slow
 def test_mixed_lengths_in_one_batch_are_what_each_is_alone():
     slotted, keys = env_of(6), jr.split(jr.key(2), 2)
     lengths = [3, 6]
@@ -191,6 +193,7 @@ def test_mixed_lengths_in_one_batch_are_what_each_is_alone():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("anywhere", "on_target"), [(0.0, 0.0), (0.3, 0.0), (0.2, 0.4)])
 def test_a_share_of_the_episodes_starts_folded_and_a_share_stalled(anywhere, on_target):
     env = env_of(length=8, folded=anywhere, stalled=on_target)
