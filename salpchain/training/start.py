@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -51,7 +52,8 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
     """The network with the weights of the policy.
 
     Where its units observe more, that counts for nothing at first, so that the run begins with what
-    the policy does.
+    the policy does. The spread of its actions is that of a fresh one: a policy at the end of its
+    training hardly explores.
     """
 
     def put(new: Array, old: Array) -> Array:
@@ -59,4 +61,4 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
         return jnp.pad(old.astype(new.dtype), more)
 
     weights: Any = jax.tree.map(put, fresh, policy.network)
-    return weights
+    return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)
