@@ -24,6 +24,28 @@ def forget_programs():
         jax.clear_caches()
 
 
+def forget_compiled():
+    """What was compiled holds the old constants."""
+    from salpchain.physics import batching  # not before its types are checked
+
+    jax.clear_caches()
+    batching._for_one.cache_clear()
+    batching._for_many.cache_clear()
+
+
+@pytest.fixture
+def recompiling(monkeypatch):
+    """A function that sets a constant of a module for all that is compiled from now on."""
+
+    def change(module, name, value):
+        forget_compiled()
+        monkeypatch.setattr(module, name, value)
+
+    yield change
+    monkeypatch.undo()
+    forget_compiled()
+
+
 # Files with long tests come first, so that the workers end together (with --no-loadscope-reorder).
 LONG = ("test_study", "test_against_vmas", "test_resume", "test_devices", "test_laws", "test_ppo")
 LONG += ("test_docs", "test_pages", "test_wheel")

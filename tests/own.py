@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import PolicyCard
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS, minus, scalar_feature
 from salpchain.tasks.reach.targets import draw, spawn
-from salpchain.tasks.state import Judgement, Start
+from salpchain.tasks.state import Judgement, Start, State
 from salpchain.tasks.task import Task
 
 SPEED = scalar_feature(
@@ -89,3 +90,18 @@ class Demanding(Spin):
 
     def __init__(self, gain):
         self.gain = gain
+
+
+class Constant(eqx.Module):
+    """The same thrust on every unit, always; all such controllers share one compiled program."""
+
+    thrust: Float[Array, ""] = eqx.field(converter=jnp.float32)
+
+    @property
+    def card(self) -> PolicyCard:
+        """A controller of no settings."""
+        return PolicyCard(name="constant")
+
+    def act(self, state: State) -> Float[Array, "unit 1"]:
+        """The constant."""
+        return jnp.full((state.chain.present.shape[0], 1), self.thrust)

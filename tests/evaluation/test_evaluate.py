@@ -17,7 +17,7 @@ from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import evaluate, evaluate_limits
 from salpchain.evaluation.perturbations import Delayed
 from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
-from tests.evaluation.controllers import Constant
+from tests.own import Constant
 
 LENGTHS, TRIALS = [4, 8], 5
 

@@ -21,7 +21,7 @@ from salpchain.evaluation.trials import play, run_limits, run_trials, start_keys
 from salpchain.ranges import Range
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from salpchain.world.config import CurrentConfig, ThrusterConfig, WorldConfig
-from tests.evaluation.controllers import Constant
+from tests.own import Constant
 
 LENGTH, SEED, TRIALS = 4, 7, 16
 
