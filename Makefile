@@ -18,6 +18,7 @@ test test-all: export JAX_COMPILATION_CACHE_DIR ?= $(HOME)/.cache/salpchain-test
 test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.2
 test test-all: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
 test: SOME := -m "not slow"
+test-all: SOME :=
 test test-all: $(VENV)/.tested $(VENV)/.browser
 	@find "$$JAX_COMPILATION_CACHE_DIR" -type f -mtime +14 -delete 2>/dev/null || true
 	$(BIN)/ruff check .
