@@ -148,6 +148,11 @@ class TrainConfig:
         check_seed(self.seed)
         if self.name:
             check_name(self.name)
+        if self.mix.roughen and self.world.is_still:
+            raise InputError(
+                f"mix.roughen needs a world that can get rougher, got {self.mix.roughen} in still"
+                " water: give one such as world.name=sea"
+            )
         if len(self.lengths) > 1:
             self._check_many_lengths()
         if max(self.lengths) != self.task.length:

@@ -67,8 +67,7 @@ def train(
     numbers by the columns of `metrics.csv`, as far as they can be told yet, `step` the chain-steps
     so far. An evaluation comes in a call of its own, its names beginning with `evaluation_`. What a
     function raises stops the run after that iteration; all is saved. `on_stage(text)` is told what
-    takes long. Chains are divided over as many devices as given, or as there are; results differ by
-    rounding.
+    takes long. Chains are divided over as many devices as given or there are; rounding differs.
 
     Raises:
         InputError: no such settings, task, world or path, a used folder, or too few devices.

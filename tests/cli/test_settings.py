@@ -51,7 +51,7 @@ VALUES = {
     "mix.lengths": ("4..6", (4, 5, 6), (), "1,2"),
     "mix.weights": ("1,2", (1.0, 2.0), ("mix.lengths=4,8",), "nan"),
     "mix.grow": ("0.9", 0.9, ("mix.lengths=4,8",), "90"),
-    "mix.roughen": ("0.8", 0.8, (), "80"),
+    "mix.roughen": ("0.8", 0.8, ("world.name=rough",), "80"),
     "task.name": ("follow", "follow", (), "folow"),
     "world.name": ("rough", "rough", (), "tough"),
     "world.dynamics.mass": ("0.8:1.2", (0.8, 1.2), (), "0"),

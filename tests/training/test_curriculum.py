@@ -195,7 +195,9 @@ def test_a_mix_that_cannot_be_is_refused_in_one_line(values, word):
 
 
 def test_worlds_get_rougher_when_enough_episodes_succeed():
-    config = mixed(Mix((2, 3), roughen=0.8))
+    with pytest.raises(InputError, match=r"needs a world that can get rougher, got 0\.8 in still"):
+        mixed(Mix((2, 3), roughen=0.8))
+    config = mixed(Mix((2, 3), roughen=0.8), world=world_config("sea"))
     curriculum = new_curriculum(config)
     assert float(curriculum.ease) == 1
     many = jnp.array([150.0, 60.0])
