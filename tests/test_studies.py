@@ -91,6 +91,7 @@ def test_a_study_finds_what_the_repository_keeps_done_and_makes_the_same_report(
     assert in_files(out) == in_files(ROOT / "studies" / name)
 
 
+@pytest.mark.slow
 def test_the_papers_study_is_found_done_and_makes_the_same_tables(tmp_path, monkeypatch, capsys):
     out = packed("paper", tmp_path)
     words = ["reproduce", "--preset", "quick", "--seeds", "3", "--out", str(out / "results")]

@@ -58,7 +58,7 @@ def run_suite(
         return _summary(asked, _play(tested, meant, asked, progress))
     folder = path("out", out)
     if not overwrite:
-        check_suite_kept(folder, asked)
+        _check_kept(folder, asked)
     make_writable(folder)
     with writing(folder / CELLS_FILE):
         frame = _play(tested, meant, asked, progress)
@@ -97,7 +97,7 @@ def _asked(
     }
 
 
-def check_suite_kept(folder: Path, asked: dict[str, Any]) -> None:
+def _check_kept(folder: Path, asked: dict[str, Any]) -> None:
     """Raise InputError if the folder holds a suite of another controller or of other trials."""
     file = folder / CELLS_FILE
     if not file.exists():

@@ -184,6 +184,7 @@ def test_a_chain_that_records_it_knows_that_an_obstacle_pushed_it():
         assert not after.touching
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [True, False])
 def test_derivatives_at_a_wall_are_those_of_finite_differences_in_both_modes(contact):
     with jax.enable_x64(True):

@@ -106,6 +106,7 @@ def test_one_control_step_of_chains_at_walls_agrees_with_vmas():
     assert np.mean(errors[pushed].max(-1) > 2e-4) <= 0.02
 
 
+@pytest.mark.slow
 def test_one_control_step_of_chains_at_posts_agrees_with_vmas():
     rng, obstacles = np.random.default_rng(0), make_obstacles(posts=POSTS)
     found = []

@@ -1,6 +1,7 @@
 import io
 import json
 from dataclasses import asdict
+from functools import cache
 
 import matplotlib.image
 import numpy as np
@@ -39,22 +40,24 @@ def make_run(folder, seed, graph="mixed"):
     return folder
 
 
-def make_evaluation(path, policy="swimmer", time_limit="fixed", lengths=(4, 8, 16), trials=6):
-    def summary(policy):
-        rng = np.random.default_rng(len(policy))
-        about = {"policy": policy, "seed": 0, "time_limit": time_limit}
-        rows = [
-            {**about, "length": n, "trial": i, "success": rng.random() < 0.5}
-            | {name: rng.random() for name in (*MEASURES, *DIFFICULTY)}
-            for n in lengths
-            for i in range(trials)
-        ]
-        return summarise(pd.DataFrame(rows))
+@cache
+def summary(policy, time_limit, lengths, trials):
+    rng = np.random.default_rng(len(policy))
+    about = {"policy": policy, "seed": 0, "time_limit": time_limit}
+    rows = [
+        {**about, "length": n, "trial": i, "success": rng.random() < 0.5}
+        | {name: rng.random() for name in (*MEASURES, *DIFFICULTY)}
+        for n in lengths
+        for i in range(trials)
+    ]
+    return summarise(pd.DataFrame(rows))
 
+
+def make_evaluation(path, policy="swimmer", time_limit="fixed", lengths=(4, 8, 16), trials=6):
     content = {
-        **summary(policy),
+        **summary(policy, time_limit, tuple(lengths), trials),
         "card": {"length": 8, "steps": 1000},
-        "baseline": summary("greedy"),
+        "baseline": summary("greedy", time_limit, tuple(lengths), trials),
     }
     path.write_text(json.dumps(content))
     return path

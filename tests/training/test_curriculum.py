@@ -211,6 +211,7 @@ def test_worlds_get_rougher_when_enough_episodes_succeed():
     assert new_curriculum(mixed(Mix((2, 3)))).ease is None
 
 
+@pytest.mark.slow
 def test_an_eased_episode_is_spared_that_share_of_its_world():
     config = mixed(Mix((2, 3), roughen=0.8), world=world_config("sea"))
     env = make_task(config.task, config.world)
