@@ -73,6 +73,7 @@ def test_a_study_that_another_process_is_at_is_refused(tmp_path):
         pass
 
 
+@pytest.mark.slow
 def test_of_two_trainings_that_begin_at_once_one_has_the_folder(tmp_path):
     """The settings in the folder are those of the one that trained."""
     out = tmp_path / "run"

@@ -34,7 +34,8 @@ def built(tmp_path_factory):
     build(ROOT, folder, "sdist")
     (source,) = folder.glob("*.tar.gz")
     with tarfile.open(source) as archive:
-        archive.extractall(folder / "source", filter="data")
+        archive.extraction_filter = getattr(tarfile, "data_filter", None)  # Python 3.11.4 on
+        archive.extractall(folder / "source")
     build(next((folder / "source").iterdir()), folder, "wheel")
     (wheel,) = folder.glob("*.whl")
     return source, wheel

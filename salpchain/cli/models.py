@@ -32,7 +32,7 @@ class Models:
     """Training length, which sets the number of log-stds. Default: 8."""
     observation: Name = ""
     """What the units observe: table1 (the paper's; default), body, proximity (as any-length),
-    anonymous, metric, around, jets or one of your own, module:NAME."""
+    anonymous, metric, around, jets, sea or one of your own, module:NAME; jets*4: of 4 steps."""
     json: Flag = False
     """Print all of it, model cards included, as JSON alone."""
 
@@ -47,7 +47,7 @@ def run(options: Models) -> None:
     length = check_length(number("length", options.length or "8"))
     observation = options.observation or "table1"
     check_observation(observation)
-    from salpchain.networks.count import num_parameters
+    from salpchain.networks.actor_critic import num_parameters
 
     inputs = observation_size(observation)
     counts = {model: num_parameters(model, inputs, length) for model in MODELS}

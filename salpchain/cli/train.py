@@ -78,7 +78,8 @@ class Train:
     proximity (body and the nearest unit that is no neighbour; quick on several lengths), anonymous
     (proximity without the place in the chain), metric (proximity with what is far in metres),
     around (proximity, the water, the nearest surface, the own thruster), jets (proximity, and what
-    the own thruster can do and did) or one of your own, module:NAME."""
+    the own thruster can do and did), sea (jets and the water) or one of your own, module:NAME. With
+    *4 after it, as it is now and was in the three control steps before."""
     task: Task = ""
     """What it is to do: reach (the paper's: take a target pose; default), follow (a target that
     moves), or one of your own, module:Class."""

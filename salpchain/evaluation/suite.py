@@ -23,6 +23,7 @@ from salpchain.tasks.config import PLAYED_LIMIT, TIME_LIMITS, step_limit
 
 CELLS_FILE = "suite.json"
 TRIALS_FILE = "suite.csv"
+STAY_WITHIN = 0.05  # m, of its target (mean over units): so far a chain may be swept off
 MEASURES = ("closed_fraction", "steps_to_goal", "time_ratio")
 
 
@@ -153,17 +154,20 @@ def _summary(asked: dict[str, Any], frame: pd.DataFrame) -> Summary:
 def _cell(rows: pd.DataFrame, still: np.ndarray) -> Summary:
     """`success` (mean, low, high), `possible` (share of the trials that physics allows at all), the
     measures `closed_fraction`, `steps_to_goal` and `time_ratio`, `loss` (success in still water
-    from the same starts minus success, with its paired interval), and `kinds`, the success in each
-    world of the cell where there are several."""
+    from the same starts minus success, with its paired interval), `stayed` (of the trials that
+    reached the target, those that stay near it for 10 s; None where none did), and `kinds`, the
+    success in each world of the cell where there are several."""
     success, kind = rows["success"].to_numpy(bool), rows["kind"].to_numpy(str)
     kinds = {name: _share(success[kind == name]) for name in dict.fromkeys(kind.tolist())}
     lost = still.astype(float) - success
     low, high = interval_of_mean(lost)
+    stayed = rows["farthest_after"].to_numpy(float)[success] <= STAY_WITHIN
     return {
         "trials": len(rows),
         "success": _share(success),
         "possible": float(rows["possible"].to_numpy(float).mean()),
         **{name: describe(rows[name].to_numpy(float)) for name in MEASURES},
+        "stayed": _share(stayed) if len(stayed) else None,
         "loss": {"mean": float(lost.mean()), "low": _number(low), "high": _number(high)},
         **({"kinds": kinds} if len(kinds) > 1 else {}),
     }

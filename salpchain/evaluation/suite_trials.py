@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jaxtyping import Array, Int, Key
+from jaxtyping import Array, Float, Int, Key
 
-from salpchain.controllers.policy import Controller
+from salpchain.controllers.policy import Controller, act, begin
 from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
 from salpchain.evaluation.suites import Cell
@@ -34,11 +34,13 @@ from salpchain.evaluation.trials import (
 )
 from salpchain.switches import own_mesh
 from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
 from salpchain.world.among import chosen
 from salpchain.world.config import WorldConfig
 from salpchain.world.world import World
 
+STAY_STEPS = 100  # control steps, 10 s, for which a chain is watched after it arrived
 WORLD_KEYS = 0  # any key: only the parts of a world that it draws are looked at
 
 
@@ -65,13 +67,14 @@ def run_cells(
     """A row of measures for each trial of each cell: trouble, grade and kind, then as `run_trials`.
 
     Trial i of a cell swims in its world i modulo the number of its worlds, whose name is the kind.
+    `farthest_after`: how far (m, mean over units) it came off its target within `STAY_STEPS` after
+    it had reached it; NaN where it did not.
 
     Raises:
         InputError: a length or a time limit that cannot be, or that the controller cannot serve.
     """
     env = domain_for([controller], length, time_limit, "still", task)
-    groups = list(_programs(cells, trials))
-    blocks = [block for group in groups for block in _blocks(group, length)]
+    blocks = [block for group in _programs(cells, trials) for block in _blocks(group, length)]
     costs = [len(block.row) * block.worlds[0].dynamics.substeps for block in blocks]
     work = np.cumsum([0.0, *costs])
     measured: dict[str, np.ndarray] = {}
@@ -139,7 +142,26 @@ def _play(
     which = jnp.asarray(played.which)
     begun = shared_out(_begin(domain, played.worlds, jnp.int32(length), which, keys))
     (end,) = play_out(domain, [controller], begun, [int(env.step_limit(length))], progress)
-    return {name: values[:, 0] for name, values in measures(domain, end).items()}
+    found = {name: values[:, 0] for name, values in measures(domain, end).items()}
+    after = np.asarray(_farthest_after(domain, controller, end), np.float64)
+    return {**found, "farthest_after": np.where(found["success"], after, np.nan)}
+
+
+@eqx.filter_jit
+def _farthest_after(env: Task, controller: Controller, trials: Trial) -> Float[Array, " trial"]:
+    """The largest distance (m, mean over units) to the target in the steps after the trials."""
+
+    def alone(state: State) -> Float[Array, ""]:
+        def advance(_: Array, now: Any) -> Any:
+            state, memory, most = now
+            action, memory = act(controller, state, memory)
+            state = env.step(state, action)
+            return state, memory, jnp.maximum(most, state.distances.mean)
+
+        now = state, begin(controller, state), state.distances.mean
+        return jax.lax.fori_loop(0, STAY_STEPS, advance, now)[2]
+
+    return jax.vmap(alone)(jax.tree.map(lambda x: x[:, 0], trials.state))
 
 
 def _what_all_have(env: Task, worlds: tuple[WorldConfig, ...]) -> World:

@@ -15,8 +15,11 @@ from salpchain.networks.graph import GRAPHS, Graph
 from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, head
 from salpchain.networks.mlp import mlp
 from salpchain.plugins import find
+from salpchain.tasks.config import ACTION_SIZES
+from salpchain.tasks.features import observation_size
 
 Observation = Float[Array, "unit inputs"]
+Known = Float[Array, "unit known"]  # what a critic of its own observes
 Present = Bool[Array, " unit"]  # which slots hold a unit
 Joined = Bool[Array, " link"]  # which links act
 Action = Float[Array, "unit act"]
@@ -76,10 +79,23 @@ class ActorCritic(Protocol):
 
     log_std: Float[Array, "*slots act"]
 
+    @property
+    def critic_observes(self) -> str:
+        """The observation that its critic needs besides; none if it needs none."""
+        ...
+
     def __call__(
-        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+        self,
+        obs: Observation,
+        present: Present,
+        joined: Joined,
+        graph: Graph | None = None,
+        known: Known | None = None,
     ) -> tuple[Action, Float[Array, ""]]:
-        """Mean action of each unit, and the value; on another graph than its own if given."""
+        """Mean action of each unit, and the value; on another graph than its own if given.
+
+        `known` is what its critic observes, if that is something of its own.
+        """
         ...
 
     def act(
@@ -98,13 +114,28 @@ class GraphActorCritic(eqx.Module):
     score: Head
     log_std: Float[Array, "*slots act"]
     graph: str = eqx.field(static=True)
+    critic_trunk: Trunk | None = None
+    critic_observes: str = eqx.field(default="", static=True)
 
     def __call__(
-        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+        self,
+        obs: Observation,
+        present: Present,
+        joined: Joined,
+        graph: Graph | None = None,
+        known: Known | None = None,
     ) -> tuple[Action, Float[Array, ""]]:
-        """Mean action of each unit, and the value; on another graph than its own if given."""
+        """Mean action of each unit, and the value; on another graph than its own if given.
+
+        `known` is what the critic observes, where it has a trunk of its own.
+        """
         features = self.features(obs, present, joined, graph)
-        return self.actor(features), self.value(features, present)
+        judged = features
+        if self.critic_trunk is not None:
+            assert known is not None
+            graph = graph or GRAPHS[self.graph](present, joined)
+            judged = _on_graph(self.critic_trunk, known, graph)
+        return self.actor(features), self.value(judged, present)
 
     def act(
         self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
@@ -115,15 +146,19 @@ class GraphActorCritic(eqx.Module):
     def features(
         self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
     ) -> Float[Array, "unit 128"]:
-        """What the trunk makes of the observations; nodes that are no units observe nothing."""
-        graph = graph or GRAPHS[self.graph](present, joined)
-        others = graph.nodes - len(obs)
-        return self.trunk(jnp.pad(obs, ((0, others), (0, 0))), graph)[: len(obs)]
+        """What the trunk makes of the observations."""
+        return _on_graph(self.trunk, obs, graph or GRAPHS[self.graph](present, joined))
 
     def value(self, features: Float[Array, "unit 128"], present: Present) -> Float[Array, ""]:
         """Value of the units' features, pooled by learned attention over the present units."""
         score = jnp.where(present, self.score(features)[:, 0], -jnp.inf)
         return self.critic(jax.nn.softmax(score) @ features)[0]
+
+
+def _on_graph(trunk: Trunk, obs: Observation, graph: Graph) -> Float[Array, "unit 128"]:
+    """What a trunk makes of the observations; nodes that are no units observe nothing."""
+    others = graph.nodes - len(obs)
+    return trunk(jnp.pad(obs, ((0, others), (0, 0))), graph)[: len(obs)]
 
 
 def actor_critic(
@@ -135,6 +170,9 @@ def actor_critic(
     if config.model in SINGLE_LENGTH:
         return mlp(key, inputs, actions, length, log_std)
     trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
+    own = None
+    if config.critic:
+        own = trunk(jr.fold_in(trunk_key, 1), config, observation_size(config.critic))
     return GraphActorCritic(
         trunk=trunk(trunk_key, config, inputs),
         actor=head(actor_key, [WIDTH, WIDTH, WIDTH, actions], ACTOR_GAIN),
@@ -142,4 +180,20 @@ def actor_critic(
         score=head(score_key, [WIDTH, WIDTH, 1]),
         log_std=log_std,
         graph=config.graph,
+        critic_trunk=own,
+        critic_observes=config.critic,
     )
+
+
+def num_parameters(model: str, inputs: int, length: int) -> int:
+    """Learnable numbers of a model as the paper counts them: action `pair`, a log-std for each.
+
+    Args:
+        model: name of the model.
+        inputs: numbers that each unit observes.
+        length: units in training.
+    """
+    config = ControlConfig(model=model, shared_log_std=False)
+    actions = ACTION_SIZES["pair"]
+    shapes = eqx.filter_eval_shape(actor_critic, jr.key(0), config, inputs, actions, length)
+    return sum(leaf.size for leaf in jax.tree.leaves(shapes))

@@ -5,7 +5,9 @@ from typing import NamedTuple
 
 from salpchain.checks import check_kinds, one_of
 from salpchain.errors import InputError
+from salpchain.given import told
 from salpchain.plugins import check_known
+from salpchain.tasks.features import check_observation, readings
 
 
 class Spec(NamedTuple):
@@ -32,8 +34,9 @@ class ControlConfig:
     """Which network steers the units.
 
     Raises:
-        InputError: an unknown model or graph; the message lists the known ones. `improved` for
-            another model than gcn. A depth out of range, or of a model without graph layers.
+        InputError: an unknown model, graph or observation of the critic; the message lists the
+            known ones. `improved` for another model than gcn. A depth out of range, or of a model
+            without graph layers; a critic's trunk of its own for one without a trunk.
     """
 
     model: str = "gcn"  # one of `MODELS`, or a trunk of one's own as module:Class
@@ -41,11 +44,16 @@ class ControlConfig:
     shared_log_std: bool = True  # one for each kind of action; else one for each unit (the paper's)
     improved: bool = False  # gcn counts a unit's own features twice (PyG `GCNConv(improved=True)`)
     depth: int = PAPER_DEPTH  # graph layers; a unit hears as many links far
+    # What a critic with a trunk of its own observes, of how things are and not as they are sensed
+    # (asymmetric actor and critic, Pinto et al. 2018); none: the actor's trunk (the paper's).
+    critic: str = ""
 
     def __post_init__(self) -> None:
         check_kinds(self)
         check_known("model", self.model, MODELS)
         _check_graph(self.graph)
+        if self.critic:
+            _check_critic(self.critic, self.model)
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")
         if not PAPER_DEPTH <= self.depth <= DEEPEST:
@@ -55,6 +63,20 @@ class ControlConfig:
                 f"depth must stay {PAPER_DEPTH} for an {self.model}, which has no graph layers,"
                 f" got {self.depth}"
             )
+
+
+def _check_critic(observed: str, model: str) -> None:
+    try:
+        check_observation(observed)
+    except InputError as error:
+        raise InputError(f"critic {told(observed)}: {error}") from None
+    if readings(observed)[1] > 1:
+        raise InputError(
+            f"a critic sees how things are, not how they were: give {readings(observed)[0]}, got"
+            f" critic {observed}"
+        )
+    if model in SINGLE_LENGTH:
+        raise InputError(f"an {model} has no trunk of its own for a critic, got critic {observed}")
 
 
 def _check_graph(name: object) -> None:

@@ -18,6 +18,7 @@ class MLP(eqx.Module):
     actor: Head
     critic: Head
     log_std: Float[Array, "*slots act"]
+    critic_observes: str = eqx.field(default="", static=True)
 
     def __call__(
         self,
@@ -25,8 +26,9 @@ class MLP(eqx.Module):
         present: Any = None,
         joined: Any = None,
         graph: Any = None,
+        known: Any = None,
     ) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
-        """Mean action of each unit, and the value; masks and graph change nothing."""
+        """Mean action of each unit, and the value; what else is given changes nothing."""
         return self.act(obs), self.critic(obs.reshape(-1))[0]
 
     def act(

@@ -18,9 +18,10 @@ NAME = "suite"
 ABOUT = (
     "Success in percent, with 95 % Wilson intervals in the tables. Lost: success in still water"
     " from the same starts minus success here, in points, with the 95 % interval of paired trials."
-    " Possible: the share of trials that physics allows at all, as far as is known. Time: median"
-    " of steps to the goal over the fewest that physics allows in that world; in water that changes"
-    " by chance or grows without a bound nobody knows it."
+    " Stayed: of the trials that reached the target, those that keep within 5 cm of it (mean over"
+    " units) for 10 s more. Possible: the share of trials that physics allows at all, as far as is"
+    " known. Time: median of steps to the goal over the fewest that physics allows in that world;"
+    " nobody knows it in water that changes by chance or grows without a bound."
 )
 
 
@@ -110,7 +111,7 @@ def _about(summary: Mapping[str, Any]) -> str:
 
 def _table(trouble: str, cells: Sequence[Cell]) -> Table:
     kinds = list(dict.fromkeys(kind for cell in cells for kind in cell.get("kinds", {})))
-    columns = ["grade", "units", "success", "lost", "possible", "closed", "time", *kinds]
+    columns = ["grade", "units", "success", "lost", "stayed", "possible", "closed", "time", *kinds]
     rows = []
     for cell in cells:
         loss, success = cell["loss"], cell["success"]
@@ -121,6 +122,7 @@ def _table(trouble: str, cells: Sequence[Cell]) -> Table:
                 str(cell["length"]),
                 _percents(success),
                 _percents(loss),
+                "-" if cell["stayed"] is None else _percents(cell["stayed"]),
                 f"{100 * cell['possible']:.0f}",
                 f"{100 * cell['closed_fraction']['mean']:.1f}",
                 _ratio(cell["time_ratio"]["median"]),

@@ -281,6 +281,7 @@ OBSERVATIONS: dict[str, Observation] = {
     "metric": METRIC,
     "around": (*BODY, _PROXIMITY, WATER, SURFACE, THRUSTER),
     "jets": (*BODY, _PROXIMITY, THRUSTER, REVERSE, THRUST),
+    "sea": (*BODY, _PROXIMITY, THRUSTER, REVERSE, THRUST, WATER),
 }
 
 ACTIONS = {
@@ -289,19 +290,45 @@ ACTIONS = {
 }
 
 
+LONGEST_HISTORY = 64  # readings that an observation may have (chosen)
+
+
+def readings(observation: str) -> tuple[str, int]:
+    """What is observed in each control step, and how many steps a unit sees at once.
+
+    `jets*4` is `jets` now and in the three control steps before, the newest first.
+
+    Raises:
+        InputError: no such number.
+    """
+    name, star, number = observation.partition("*")
+    if not star:
+        return observation, 1
+    if not number.isascii() or not number.isdigit() or not 2 <= int(number) <= LONGEST_HISTORY:
+        raise InputError(
+            f"observation {observation}: after * comes how many control steps are seen at once,"
+            f" 2 to {LONGEST_HISTORY}, such as {name}*4"
+        )
+    return name, int(number)
+
+
 def check_observation(name: object) -> None:
     """Raise InputError unless there is an observation of this name."""
-    check_known("observation", name, OBSERVATIONS)
-    if name not in OBSERVATIONS:
+    base = readings(name)[0] if isinstance(name, str) else name
+    check_known("observation", base, OBSERVATIONS)
+    if base not in OBSERVATIONS:
         features(str(name))
 
 
 def features(observation: str) -> Observation:
     """The features of an observation: one of `OBSERVATIONS`, or `module:name` of one's own.
 
+    Of one control step, where it is of several.
+
     Raises:
         InputError: there is none, or what there is is no sequence of features.
     """
+    observation, _ = readings(observation)
     if observation in OBSERVATIONS:
         return OBSERVATIONS[observation]
     check_known("observation", observation, OBSERVATIONS)
@@ -317,7 +344,17 @@ def features(observation: str) -> Observation:
 
 def layout(observation: str) -> tuple[Field, ...]:
     """What each number of an observation is, in their order."""
-    return tuple(field for feature in features(observation) for field in feature.fields)
+    now = tuple(field for feature in features(observation) for field in feature.fields)
+    late = (
+        replace(field, name=f"{field.name}, {_steps(steps)} before")
+        for steps in range(1, readings(observation)[1])
+        for field in now
+    )
+    return (*now, *late)
+
+
+def _steps(number: int) -> str:
+    return "1 control step" if number == 1 else f"{number} control steps"
 
 
 def observation_size(observation: str) -> int:

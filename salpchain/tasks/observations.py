@@ -16,7 +16,7 @@ from salpchain.physics import derivatives
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.derivatives import direction
 from salpchain.physics.state import Chain, wrap
-from salpchain.tasks.features import SENSED, Observation, features
+from salpchain.tasks.features import SENSED, Observation, features, readings
 from salpchain.tasks.view import Pair, Row, View
 from salpchain.world.surfaces import nearest_surface, rays
 from salpchain.world.world import World
@@ -83,6 +83,8 @@ def observe(
 ) -> Float[Array, "unit feature"]:
     """The named observation of one chain; zeros in dead slots. Fast under `jax.vmap`.
 
+    One of several control steps as if all had been as now; `with_history` has them as they were.
+
     Args:
         name: as in `features.features`.
         chain: where the chain is.
@@ -94,7 +96,18 @@ def observe(
     around = Around(World(), 0) if around is None else around
     wanted = dict.fromkeys(sense for feature in observation for sense in feature.senses)
     sensed = {sense: SENSES[sense](chain, around) for sense in wanted}
-    return _observe(observation, chain, target, force, sensed)
+    return jnp.tile(_observe(observation, chain, target, force, sensed), (1, readings(name)[1]))
+
+
+def with_history(
+    name: str, now: Float[Array, "unit feature"], before: Float[Array, "unit feature"]
+) -> Float[Array, "unit feature"]:
+    """The observation now, the steps before taken from the observation of one step before."""
+    count = readings(name)[1]
+    if count == 1:
+        return now
+    reading = now.shape[1] // count
+    return jnp.concatenate([now[:, :reading], before[:, :-reading]], axis=1)
 
 
 @over_the_batch

@@ -37,7 +37,7 @@ from salpchain.tasks.config import (
 )
 from salpchain.tasks.contract import checked_judgement, checked_move, checked_start
 from salpchain.tasks.features import observation_size
-from salpchain.tasks.observations import Around, observe
+from salpchain.tasks.observations import Around, observe, with_history
 from salpchain.tasks.reach.reward import distances
 from salpchain.tasks.reach.targets import draw, spawn
 from salpchain.tasks.state import Judgement, Moment, Start, State, Terms
@@ -250,6 +250,7 @@ class Task(eqx.Module):
         judged = self.judge(state, Moment(chain, target, now, ~invalid))
         terms, ended = checked_judgement(self, judged)
         world, senses = _later(world, senses, chain, state.key, time)
+        seen = self._sense(chain, senses, target, force, Around(world, time))
         return replace(
             state,
             chain=chain,
@@ -258,7 +259,7 @@ class Task(eqx.Module):
             force=force,
             distances=now,
             time=time,
-            obs=self._sense(chain, senses, target, force, Around(world, time)),
+            obs=with_history(self.config.observation, seen, state.obs),
             reward=self._reward(terms),
             terms=terms,
             terminated=ended | invalid | _at_fence(chain, fence),
@@ -299,7 +300,8 @@ class Task(eqx.Module):
     def observe(
         self, chain: Chain, target: Array, force: Array, around: Around | None = None
     ) -> Float[Array, "unit feature"]:
-        """What the units see; in still water without obstacles unless `around` says otherwise.
+        """What the units see; in still water without obstacles unless `around` says otherwise, and
+        as if the steps before had been as now, where those are observed too.
 
         Raises:
             InputError: a chain, a target or a force of other slots than `config.length`.

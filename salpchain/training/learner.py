@@ -174,7 +174,7 @@ def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainS
         env, learner.policy, learner.states, act_key, ppo.rollout,
         partial(draw_length, config, learner.curriculum), widths,
     )  # fmt: skip
-    batch = training_samples(ppo, samples, outcomes, values(learner.policy, states))
+    batch = training_samples(ppo, samples, outcomes, values(env, learner.policy, states))
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
         shuffle_key, learner.iteration / config.iterations, widths,

@@ -173,6 +173,7 @@ def _cut(width: int, one: TrainingSample) -> TrainingSample:
         action=sample.action[:width],
         log_prob=sample.log_prob[:width],
         value=sample.value,
+        known=None if sample.known is None else sample.known[:width],
     )
     return TrainingSample(short, gain[:width] if len(gain) > 1 else gain, one.target)
 
@@ -186,7 +187,7 @@ def loss(
     """The clipped surrogate (paper equation 1), the value error and the entropy, weighted."""
     sample = batch.sample
     with flat_products():
-        mean, value = jax.vmap(policy)(sample.obs, sample.present, sample.joined)
+        mean, value = jax.vmap(lambda s: policy(s.obs, s.present, s.joined, known=s.known))(sample)
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
     change, share = changes(config.ratio, density - sample.log_prob, sample.present)
     ratio, gain = jnp.exp(change), batch.advantage

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
 from salpchain.devices import AXIS, largest_divisor
 from salpchain.networks.actor_critic import ActorCritic
+from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.renew import DrawLength, renew_done
 from salpchain.tasks.state import State, Terms
 from salpchain.tasks.task import Task
@@ -27,6 +28,7 @@ class Sample(eqx.Module):
     action: Float[Array, "unit act"]  # as sampled, before clipping
     log_prob: Float[Array, " unit"]
     value: Float[Array, ""]
+    known: Float[Array, "unit known"] | None = None  # what the critic observes, if it is its own
 
 
 class Outcome(eqx.Module):
@@ -66,10 +68,12 @@ def collect(
 
     def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
         keys = jax.vmap(jr.fold_in, (None, 0))(key, numbers)
-        told = _tell(policy, states, widths)
-        sample = jax.vmap(partial(_sample, policy))(states, *told, keys)
+        known = _known(env, policy, states)
+        told = _tell(policy, states, widths, known)
+        sample = jax.vmap(partial(_sample, policy))(states, *told, keys, known)
         after = jax.vmap(env.step)(states, sample.action)
-        outcome = jax.vmap(partial(_outcome, env))(states, after, _final_value(policy, after))
+        final = _final_value(env, policy, after)
+        outcome = jax.vmap(partial(_outcome, env))(states, after, final)
         return renew_done(env, after, draw_length), (sample, outcome)
 
     states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
@@ -93,19 +97,36 @@ def _outcome(env: Task, before: State, after: State, final_value: Float[Array, "
     )
 
 
+def _known(env: Task, policy: ActorCritic, states: State) -> Float[Array, "env unit known"] | None:
+    """What the critic observes, if that is something of its own: how things truly are."""
+    if not policy.critic_observes:
+        return None
+
+    def of_one(state: State) -> Float[Array, "unit known"]:
+        around = Around(env.world_of(state), state.time)
+        return observe(policy.critic_observes, state.chain, state.target, state.force, around)
+
+    return jax.vmap(of_one)(states)
+
+
 def _tell(
-    policy: ActorCritic, states: State, widths: Sequence[int]
+    policy: ActorCritic,
+    states: State,
+    widths: Sequence[int],
+    known: Float[Array, "env unit known"] | None = None,
 ) -> tuple[Float[Array, "env unit act"], Float[Array, " env"]]:
     """The mean actions and the value of each chain."""
-    seen = jax.vmap(lambda s: (s.obs, s.chain.present, s.chain.joined))(states)
+    seen = *jax.vmap(lambda s: (s.obs, s.chain.present, s.chain.joined))(states), known
     if len(widths) < 2:
-        return jax.vmap(policy)(*seen)
+        return jax.vmap(partial(_ask, policy))(*seen)
     num, slots = seen[1].shape
     parts = by_length(seen[1], largest_divisor(num, max(1, CACHED_ROWS // slots)))
 
     def few(width: int, some: Any) -> tuple[Array, Array]:
-        obs, present, joined = some
-        mean, value = jax.vmap(policy)(obs[:, :width], present[:, :width], joined[:, : width - 1])
+        obs, present, joined, known = some
+        near = None if known is None else known[:, :width]
+        short = obs[:, :width], present[:, :width], joined[:, : width - 1], near
+        mean, value = jax.vmap(partial(_ask, policy))(*short)
         return jnp.pad(mean, ((0, 0), (0, slots - width), (0, 0))), value
 
     def of_part(places: Array) -> tuple[Array, Array]:
@@ -117,12 +138,19 @@ def _tell(
     return told[0][back], told[1][back]
 
 
+def _ask(
+    policy: ActorCritic, obs: Array, present: Array, joined: Array, known: Array | None
+) -> tuple[Float[Array, "unit act"], Float[Array, ""]]:
+    return policy(obs, present, joined, known=known)
+
+
 def _sample(
     policy: ActorCritic,
     state: State,
     mean: Float[Array, "unit act"],
     value: Float[Array, ""],
     key: PRNGKeyArray,
+    known: Float[Array, "unit known"] | None = None,
 ) -> Sample:
     """A sampled action for one chain, with its log-probability and the value of the state."""
     chain = state.chain
@@ -134,6 +162,7 @@ def _sample(
         action=action,
         log_prob=log_probs(policy, mean, action, chain.present),
         value=value,
+        known=known,
     )
 
 
@@ -149,15 +178,15 @@ def log_probs(
     return jnp.sum(each * present[:, None], axis=1)
 
 
-def values(policy: ActorCritic, states: State) -> Float[Array, " env"]:
+def values(env: Task, policy: ActorCritic, states: State) -> Float[Array, " env"]:
     """Value of each chain's present observation."""
-    return jax.vmap(lambda s: policy(s.obs, s.chain.present, s.chain.joined)[1])(states)
+    return _tell(policy, states, (), _known(env, policy, states))[1]
 
 
-def _final_value(policy: ActorCritic, after: State) -> Float[Array, " env"]:
+def _final_value(env: Task, policy: ActorCritic, after: State) -> Float[Array, " env"]:
     """Values where an episode ran out of time; computed only when one did."""
     return jax.lax.cond(
         after.truncated.any(),
-        lambda: values(policy, after),
+        lambda: values(env, policy, after),
         lambda: jnp.zeros_like(after.reward),
     )

@@ -1,5 +1,6 @@
 """Weights that a run begins with: those of a policy that was trained before."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -31,8 +32,9 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
     except InputError as error:
         raise InputError(f"start: {error}") from None
     card, wanted = given.card, layout(task.observation)
+    had_critic = replace(card.control, critic=config.control.critic)
     for what, own, other in (
-        ("control", config.control, card.control),
+        ("control", config.control, had_critic),
         ("action", task.action, card.action),
     ):
         if own != other:
@@ -53,12 +55,16 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
 
     Where its units observe more, that counts for nothing at first, so that the run begins with what
     the policy does. The spread of its actions is that of a fresh one: a policy at the end of its
-    training hardly explores.
+    training hardly explores. So is its critic, unless both have the same kind.
     """
 
     def put(new: Array, old: Array) -> Array:
         more = [(0, there - here) for here, there in zip(old.shape, new.shape, strict=True)]
         return jnp.pad(old.astype(new.dtype), more)
 
-    weights: Any = jax.tree.map(put, fresh, policy.network)
+    given: Any = policy.network
+    if given.critic_observes != fresh.critic_observes:
+        judge = "critic", "score", "critic_trunk", "critic_observes"
+        given = replace(given, **{name: getattr(fresh, name) for name in judge})
+    weights: Any = jax.tree.map(put, fresh, given)
     return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)

@@ -9,6 +9,7 @@ import numpy as np
 
 from salpchain.controllers.policy import Controller
 from salpchain.errors import InputError
+from salpchain.evaluation.suites import GRADES
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.physics.state import Physics
 from salpchain.report.recorded import Recording
@@ -17,6 +18,7 @@ from salpchain.web.fleet import SPARE, Fleet
 from salpchain.web.pool import SLOTS, Pool
 from salpchain.web.recorder import LONGEST, MOST_PARTS, Recordings
 from salpchain.web.swimmer import LINK, Swimmer
+from salpchain.web.troubles import TROUBLES, check_troubles
 from salpchain.web.world import World
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import label
@@ -49,6 +51,7 @@ class Engine:
         self.pool, self.recordings = Pool(), Recordings(STEP, label(self.world.config))
         self.paused, self.speed, self.watched = False, 1.0, 0
         self.policy, self.loading = fleet.first, fleet.first
+        self.roughening = False  # the program of rough water is being compiled
         self.took = 0.0  # s, of the last step
         self._controller: Controller | None = None
         self._tasks: set[asyncio.Task] = set()
@@ -116,6 +119,9 @@ class Engine:
             loading=self.loading,
             took=round(1e3 * self.took, 2),
             current=_short(world.current),
+            troubles=sorted(world.tank.troubles),
+            grade=world.tank.grade,
+            roughening=self.roughening,
             around=world.tank.told,
             recording=round(recorder.steps * STEP, 1) if recorder else None,
             recorded=self.recordings.newest,
@@ -130,6 +136,8 @@ class Engine:
             step=STEP,
             most=SLOTS[-1],
             world=label(self.world.config),
+            troubles=TROUBLES,
+            grades=GRADES,
             unit=[Physics.unit_length, Physics.unit_width],
             link=LINK,
         )
@@ -167,6 +175,31 @@ class Engine:
             raise InputError(f"{self.loading} is being loaded: wait a moment")
         self.loading = name
         self._start(self._change_policy(name))
+
+    def trouble(self, names: list[str], grade: str) -> None:
+        """Puts the chains in troubles, as soon as the program for them is compiled."""
+        meant = check_troubles(names, grade)
+        if self.roughening:
+            raise InputError("rough water is being made: wait a moment")
+        if self._controller is None:
+            raise InputError("the policy is being loaded: wait a moment")
+        if self.world.tank.is_rough:
+            self.world.pour(meant, grade)
+            return
+        self.roughening = True
+        self._start(self._roughen(meant, grade, self._controller))
+
+    async def _roughen(self, names: frozenset[str], grade: str, controller: Controller) -> None:
+        """The first troubles: from then on, what swims is another program."""
+        try:
+            one = self.world.swimmers[0]
+            rough = await asyncio.to_thread(self.world.tank.rough_world, one)
+            for slots in SLOTS:
+                await asyncio.to_thread(self.pool.prepare, controller, slots, rough)
+            self.world.pour(names, grade)
+        finally:
+            self.roughening = False
+        self.show()
 
     def _start(self, work: Any) -> None:
         """Runs in the background; kept, as the event loop keeps no task alive."""
@@ -232,6 +265,7 @@ HANDLERS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Join: lambda e, m: e.world.join(m.chain, m.other),
     messages.Push: lambda e, m: e.world.push(m.chain, m.unit, m.x, m.y),
     messages.Flow: lambda e, m: e.world.flow(m.x, m.y),
+    messages.Trouble: lambda e, m: e.trouble(m.names, m.grade),
     messages.Steer: lambda e, m: e.steer(m.policy),
     messages.Pause: lambda e, m: e.pause(m.on),
     messages.Step: lambda e, m: e.step(),

@@ -90,6 +90,13 @@ class Flow(Message):
     y: Annotated[float, Meta(ge=-10, le=10)]
 
 
+class Trouble(Message):
+    """Put all chains in these troubles, and in no others."""
+
+    names: Annotated[list[Annotated[str, Meta(max_length=40)]], Meta(max_length=40)]
+    grade: Annotated[str, Meta(max_length=40)]
+
+
 class Steer(Message):
     """Let a policy of the list steer."""
 
@@ -125,8 +132,8 @@ class Record(Message):
 
 
 Edit = (
-    Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Steer | Pause
-    | Step | Pace | Reset | Record
+    Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Trouble | Steer
+    | Pause | Step | Pace | Reset | Record
 )  # fmt: skip
 _decoder = msgspec.json.Decoder(Edit)
 _encoder = msgspec.json.Encoder()

@@ -10,15 +10,18 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from salpchain.evaluation.suites import GRADES
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.evaluation.survey import surroundings
 from salpchain.physics.state import Chain, at_rest
 from salpchain.report.replay import packed_surroundings
 from salpchain.tasks.config import FIXED_LIMIT, STEPS_PER_UNIT
 from salpchain.web.swimmer import ANGLE, LINK, NEVER, Points, Swimmer
+from salpchain.web.troubles import THRUSTERS, TROUBLES, poured
 from salpchain.world.config import WorldConfig
 from salpchain.world.current import Sum, Uniform
 from salpchain.world.randomise import draw_world, with_obstacles
+from salpchain.world.thrusters import Thrusters
 from salpchain.world.world import World
 
 MOST_UNITS = 128  # of all chains together (chosen)
@@ -35,28 +38,57 @@ class Tank:
         self.config, self.world, self.around = config, World(), Surroundings()
         self._key = jr.key(seed)
         self.seed = np.zeros(2, np.uint32)  # of what changes in each control step
+        self.troubles: frozenset[str] = frozenset()  # that were poured on it
+        self.grade, self.is_rough = GRADES[1], False  # rough: whether anything ever was
         self._surveyed = 0
         self._told = self.around, packed_surroundings(self.around, 0)
 
     def fill(self, one: Swimmer) -> Swimmer:
         """Draws a world with obstacles clear of a chain and its target; the chain with the
         thrusters that it has there."""
-        if self.config.is_still:
+        if self.config.is_still and not self.is_rough:
             return one
         self._key, key, change_key = jr.split(self._key, 3)
         self.seed = np.asarray(jr.key_data(change_key))
-        world = _drawn(self.config, key, *map(jnp.asarray, _padded(one)))
-        made, n = world.thrusters, one.length
-        if made is not None:
-            gain = np.ones(n) if made.gain is None else np.asarray(made.gain[:n], float)
-            never = np.full(n, NEVER)
-            fails_at = never if made.fails_at is None else np.asarray(made.fails_at[:n])
-            one = replace(
-                one, gain=np.where(gain > 0, gain, 1.0), works=gain > 0, fails_at=fails_at
-            )
-            world = replace(world, thrusters=replace(made, gain=None, fails_at=None))
-        self.world = world
-        return one
+        drawn = self._draw(key, one, self.troubles, self.grade if self.is_rough else "")
+        self.world = _without_thrusts(drawn)
+        return _equipped(one, drawn.thrusters, 0)
+
+    def pour(
+        self, swimmers: list[Swimmer], troubles: frozenset[str], grade: str, time: int
+    ) -> list[Swimmer]:
+        """Takes on these troubles, and no others, at once; obstacles stay where they are.
+
+        Returns the chains, at this time (control steps): with other thrusters if the troubles are
+        of thrusters, and with sensors that begin anew.
+        """
+        changed = (self.troubles ^ troubles) if grade == self.grade else self.troubles | troubles
+        drawn = []
+        for one in swimmers:
+            self._key, key = jr.split(self._key)
+            drawn.append(self._draw(key, one, troubles, grade))
+        self.world = replace(_without_thrusts(drawn[0]), obstacles=self.world.obstacles)
+        self.troubles, self.grade, self.is_rough = troubles, grade, True
+        swimmers = [replace(one, memory=None) for one in swimmers]
+        if not changed & THRUSTERS:
+            return swimmers
+        return [
+            _equipped(one, world.thrusters, time)
+            for one, world in zip(swimmers, drawn, strict=True)
+        ]
+
+    def rough_world(self, one: Swimmer) -> World:
+        """A world as it is where any troubles were poured, for a program to be compiled."""
+        drawn = self._draw(self._key, one, frozenset(), GRADES[1])
+        return replace(_without_thrusts(drawn), obstacles=self.world.obstacles)
+
+    def _draw(self, key: PRNGKeyArray, one: Swimmer, troubles: frozenset[str], grade: str) -> World:
+        """A world for a chain; of no grade, one on which nothing was ever poured."""
+        which = None
+        if grade:
+            at = 1 + GRADES.index(grade)
+            which = {name: jnp.int32(at if name in troubles else 0) for name in TROUBLES}
+        return _drawn(self.config, which, key, *map(jnp.asarray, _padded(one)))
 
     def survey(self, swimmers: list[Swimmer], current: np.ndarray, time: int | None = None) -> None:
         """Looks at the walls, and at the water around chains in a current (m/s) besides the drawn.
@@ -143,6 +175,26 @@ class Tank:
         return bool((self.gap(target) > LINK).all()) and self.is_open(begin, end)
 
 
+def _without_thrusts(world: World) -> World:
+    """The world without what swimmers have of their own: gain and failure of each thruster."""
+    if world.thrusters is None:
+        return world
+    return replace(world, thrusters=replace(world.thrusters, gain=None, fails_at=None))
+
+
+def _equipped(one: Swimmer, made: Thrusters | None, time: int) -> Swimmer:
+    """The chain with the thrusters that it has in a world that begins at a time."""
+    if made is None:
+        return one
+    n = one.length
+    gain = np.ones(n) if made.gain is None else np.asarray(made.gain[:n], float)
+    fails_at = np.full(n, NEVER)
+    if made.fails_at is not None:
+        drawn = np.asarray(made.fails_at[:n])
+        fails_at = np.where(drawn < NEVER, drawn + time, NEVER)
+    return replace(one, gain=np.where(gain > 0, gain, 1.0), works=gain > 0, fails_at=fails_at)
+
+
 def _same(one: Surroundings, other: Surroundings) -> bool:
     mine, others = one.named(), other.named()
     return all(np.array_equal(mine[name], others[name]) for name in mine)
@@ -161,13 +213,16 @@ def _padded(one: Swimmer) -> tuple[Points, Float[np.ndarray, " slot"], Points, i
 @eqx.filter_jit
 def _drawn(
     config: WorldConfig,
+    which: dict[str, Array] | None,
     key: PRNGKeyArray,
     position: Array,
     angle: Array,
     target: Array,
     length: Array,
 ) -> World:
-    """A world for a chain of so many units in the first slots."""
+    """A world for a chain of so many units in the first slots, with troubles if any are given."""
+    if which is not None:
+        config = poured(config, which)
     present = jnp.arange(MOST_UNITS) < length
     chain: Chain = at_rest(position, angle, present)
     steps = jnp.maximum(FIXED_LIMIT, STEPS_PER_UNIT * length)

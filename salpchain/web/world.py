@@ -1,6 +1,6 @@
 """The live world: the chains that swim in it, and everything that a person may do to them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from salpchain.web.drawing import nearer_way_round, random_target, resampled
 from salpchain.web.pool import CHAINS, Moved, Packed, Pool, empty, slots_for
 from salpchain.web.swimmer import Swimmer
 from salpchain.web.tank import MOST_UNITS, Tank
+from salpchain.web.troubles import check_troubles
 from salpchain.world.config import WorldConfig
 
 FASTEST_CURRENT = 0.3  # m/s (chosen: half as fast again as a chain)
@@ -146,6 +147,12 @@ class World:
         if speed > FASTEST_CURRENT:
             raise InputError(f"a current is at most {FASTEST_CURRENT} m/s, got {speed:.2f}")
         self.current = np.array([x, y])
+        self.tank.survey(self.swimmers, self.current)
+
+    def pour(self, troubles: Iterable[str], grade: str) -> None:
+        """Puts the chains in these troubles at a grade, and in no others, as they swim."""
+        meant = check_troubles(troubles, grade)
+        self.swimmers = self.tank.pour(self.swimmers, meant, grade, self.time)
         self.tank.survey(self.swimmers, self.current)
 
     def steer_by(self, card: PolicyCard) -> None:

@@ -33,6 +33,7 @@ VALUES = {
     "control.shared_log_std": ("false", False, (), "1"),
     "control.improved": ("true", True, (), "very"),
     "control.depth": ("4", 4, (), "99"),
+    "control.critic": ("around", "around", (), "everything"),
     "ppo.envs": ("512", 512, (), "0"),
     "ppo.rollout": ("64", 64, (), "2.5"),
     "ppo.minibatch": ("1024", 1024, (), "1000"),

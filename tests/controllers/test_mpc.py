@@ -66,6 +66,7 @@ def test_a_released_policy_can_guide_and_its_plan_is_never_worse_than_what_it_wo
     assert float(small._cost(state, planned)) <= float(cost(state)) + 1e-4
 
 
+@pytest.mark.slow
 def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
     assert isinstance(SMALL, Planner) and not isinstance(Greedy(), Planner)
     assert begin(Greedy(), state) == ()
@@ -76,6 +77,7 @@ def test_a_plan_is_kept_from_step_to_step_and_greedy_remembers_nothing(state):
     assert float(jnp.abs(again - first).max()) > 1e-3
 
 
+@pytest.mark.slow
 def test_planning_reaches_more_targets_than_greedy_and_sooner_from_the_same_starts():
     (ours,), (theirs,) = (run_trials([c], 3, 6, "fixed", 5) for c in (SMALL, Greedy()))
     assert ours.success.mean() > theirs.success.mean()

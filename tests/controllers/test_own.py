@@ -26,6 +26,7 @@ def trained(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_a_model_of_ones_own_is_trained_kept_and_steers_any_length(trained):
     policy = salpchain.load(str(trained))
     assert policy.card.name == "Deaf-mixed-2"

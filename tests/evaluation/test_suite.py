@@ -5,7 +5,9 @@ import json
 import re
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 from salpchain.controllers.greedy import Greedy
@@ -14,11 +16,11 @@ from salpchain.evaluation.statistics import interval_of_mean, share
 from salpchain.evaluation.suite import run_suite
 from salpchain.evaluation.suite_trials import run_cells
 from salpchain.evaluation.suites import GRADES, SUITES, Cell, Suite, suite
-from salpchain.evaluation.trials import REACH, run_trials
+from salpchain.evaluation.trials import REACH, domain_for, run_trials, start_keys
 from salpchain.physics.state import Physics
 from salpchain.ranges import as_range
 from salpchain.report.suite import heat_map, suite_page, verdict
-from salpchain.world.config import DynamicsConfig, WorldConfig
+from salpchain.world.config import CurrentConfig, DynamicsConfig, WorldConfig
 
 SEA = SUITES["sea"]
 TROUBLES = ["delay", "noise", "dropout", "repeat", "dead", "failing", "weak", "current"]
@@ -75,6 +77,7 @@ def test_a_cell_is_what_its_worlds_are_by_themselves(played, trouble, grade):
         np.testing.assert_allclose(one, other, rtol=0.01, atol=1e-3, err_msg=name)
 
 
+@pytest.mark.slow
 def test_troubles_tell(played):
     """Each hard cell swims otherwise than still water, from the same start."""
     frame = played[1]
@@ -84,6 +87,39 @@ def test_troubles_tell(played):
         np.testing.assert_array_equal(hard.start_distance, still.start_distance)
         apart = np.abs(hard.final_distance.to_numpy() - still.final_distance.to_numpy())
         assert apart.max() > (1e-5 if trouble == "substeps" else 1e-3), trouble
+
+
+class Drifter(Greedy):
+    """Does nothing."""
+
+    def act(self, state):
+        return jnp.zeros((len(state.thrust), 1))
+
+
+def test_a_chain_that_does_nothing_after_it_arrived_is_carried_off_by_the_water():
+    """It has arrived at once where the goal is wide; then it gains the water's speed U and goes on:
+    after k steps it has come U dt (k - 3 (1 - 0.75^k)) far, as each step takes a quarter of what
+    its speed differs by. Where the goal is not taken, nothing is told."""
+    swift = WorldConfig(current=CurrentConfig(speed=as_range(0.08)))
+    told = {}
+    for tolerance in (1.0, 0.001):
+        task = replace(REACH, tolerance=tolerance, most_steps=3)
+        cells = [Cell("current", "hard", {"swift": swift})]
+        told[tolerance] = run_cells(Drifter(), cells, 4, 12, "scaled", 0, task=task)
+    assert told[1.0].success.sum() > 2
+    assert not told[0.001].success.any() and told[0.001].farthest_after.isna().all()
+    env = domain_for([Drifter()], 4, "scaled", swift)
+    for row, key in zip(told[1.0].itertuples(), start_keys(0, 4, jnp.arange(12)), strict=True):
+        if not row.success:
+            continue
+        state = env.reset(key, 4)
+        steps = np.arange(1, 102)[:, None, None]
+        way = (
+            0.1 * (steps - 3 * (1 - 0.75**steps)) * np.asarray(env.world_of(state).current.velocity)
+        )
+        apart = np.asarray(state.chain.units.position - state.target)[:4] + way
+        wanted = np.linalg.norm(apart, axis=-1).mean(axis=1).max()
+        assert row.farthest_after == pytest.approx(wanted, rel=0.02)
 
 
 def few(name="few", trials=4):
@@ -118,8 +154,16 @@ def test_the_summary_is_that_of_the_trials(tmp_path, monkeypatch):
         lost = still.success.to_numpy(float) - trials.success
         low, high = interval_of_mean(lost.to_numpy())
         assert cell["loss"] == {"mean": lost.mean(), "low": low, "high": high}
+        stayed = rows_of(tmp_path, cell).farthest_after.dropna() <= 0.05
+        assert (cell["stayed"] is None) == (not len(stayed))
+        assert not len(stayed) or cell["stayed"]["mean"] == stayed.mean()
         assert cell["possible"] == trials.possible.mean()
         assert "kinds" not in cell
+
+
+def rows_of(folder, cell):
+    frame = pd.read_csv(folder / "suite.csv")
+    return frame.loc[(frame.trouble == cell["trouble"]) & (frame.grade == cell["grade"])]
 
 
 def test_other_results_are_kept_unless_told_otherwise(tmp_path, monkeypatch):
@@ -152,7 +196,8 @@ def cell(trouble, grade, length, mean, **more):
     value = {"mean": 0.5, "median": 1.25, "iqm": 0.5, "low": 0.4, "high": 0.6}
     return {
         "trouble": trouble, "grade": grade, "length": length, "trials": 10, "success": success,
-        "possible": 0.9, "closed_fraction": value, "steps_to_goal": value, "time_ratio": value,
+        "stayed": None if mean < 0.5 else success, "possible": 0.9, "closed_fraction": value,
+        "steps_to_goal": value, "time_ratio": value,
         "loss": {"mean": 1 - mean, "low": 0.0, "high": None if mean == 1 else 1.0}, **more,
     }  # fmt: skip
 
@@ -183,10 +228,13 @@ def test_the_page_holds_every_cell_and_the_map(tmp_path):
     names = ["suite.md", "suite.html", "suite.png", "suite.pdf"]
     assert [path.name for path in paths] == names and all(path.stat().st_size for path in paths)
     text, page = (path.read_text() for path in paths[:2])
-    assert "| hard | 4 | 25 (15 to 35) | 75 (0 to 100) | 90 | 50.0 | 1.25 | 25 | 50 |" in text
-    assert "| none | 8 | 100 (90 to 100) | 0 | 90 | 50.0 | 1.25 |" in text
+    assert "| hard | 4 | 25 (15 to 35) | 75 (0 to 100) | - | 90 | 50.0 | 1.25 | 25 | 50 |" in text
+    assert "| none | 8 | 100 (90 to 100) | 0 | 100 (90 to 100) | 90 | 50.0 | 1.25 |" in text
     assert len(re.findall("<h2>", page)) == 2 and "data:image/png" in page
-    assert "| easy | 4 | 80 (70 to 90) | 20 (0 to 100) | 90 | 50.0 | 1.25 | - | - |" in text
+    assert (
+        "| easy | 4 | 80 (70 to 90) | 20 (0 to 100) | 80 (70 to 90) | 90 | 50.0 | 1.25 | - | - |"
+        in text
+    )
     assert "suite.png" in text and verdict(CELLS) in text
 
 

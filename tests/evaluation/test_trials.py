@@ -95,6 +95,7 @@ def test_every_policy_meets_the_same_starts(greedy, idle):
     np.testing.assert_array_equal(greedy.reachable, idle.reachable)
 
 
+@pytest.mark.slow
 def test_several_time_limits_in_one_go_measure_what_each_does_alone(monkeypatch):
     monkeypatch.setattr(module, "WORTH", 0)  # trials that have ended leave the batch early
     crew, length = [Constant(0.5), Greedy()], 20  # so long that the limits differ: 512 and 640

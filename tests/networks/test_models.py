@@ -11,9 +11,8 @@ import pytest
 
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.errors import InputError
-from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.actor_critic import actor_critic, num_parameters
 from salpchain.networks.config import ControlConfig
-from salpchain.networks.count import num_parameters
 from salpchain.networks.graph import GRAPHS, full, hub, mixed, near, of_adjacency
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD

@@ -61,6 +61,7 @@ def undisturbed(tmp_path_factory, cache):
     return folder
 
 
+@pytest.mark.slow
 def test_a_study_leaves_every_run_its_tests_figures_and_a_report(undisturbed):
     for job in GRID.jobs():
         for name in ("summary.json", "fixed/evaluation.json", "scaled/evaluation.csv"):

@@ -107,7 +107,7 @@ def test_one_control_step_of_pressing_units_agrees_with_vmas():
 
 
 STRAIGHT = {4: 40, 8: 40, 16: 10, 32: 10}  # chains for each length
-SLOW = [pytest.param(n, marks=pytest.mark.slow) if n == 32 else n for n in STRAIGHT]
+SLOW = [pytest.param(n, marks=pytest.mark.slow) if n > 8 else n for n in STRAIGHT]
 BENT = {8: 40}  # more of these; longer chains seldom touch within 100 steps
 
 

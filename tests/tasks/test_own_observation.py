@@ -10,6 +10,7 @@ from salpchain.errors import InputError
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import RAYS, layout, observation_size
 from salpchain.tasks.reach.task import SCLD
+from salpchain.tasks.registry import make_task
 from salpchain.world.current import Uniform
 from salpchain.world.obstacles import make_obstacles
 from salpchain.world.thrusters import Thrusters
@@ -73,6 +74,29 @@ def test_jets_tell_what_the_own_thruster_can_do_forwards_and_backwards_and_what_
         np.testing.assert_allclose(states.obs[:, :-3], known, atol=1e-6)
     traced = jax.vmap(after)(one_way)  # some jets of a batch may push one way
     np.testing.assert_array_equal(traced.obs[:, 3, -2], [1.0, 0.0])
+
+
+@pytest.mark.parametrize("world", ["still", "noisy"])
+def test_an_observation_of_several_steps_is_what_was_seen_in_each_the_newest_first(world):
+    late, now = (make_task(TaskConfig(4, name), world) for name in ("jets*3", "jets"))
+    actions = jr.uniform(jr.key(5), (6, 4, 1), minval=-1.0)
+    state, plain = late.reset(jr.key(1)), now.reset(jr.key(1))
+    seen = [plain.obs] * 3
+    np.testing.assert_allclose(state.obs, np.concatenate(seen, axis=1), atol=1e-6)
+    for action in actions:
+        state, plain = late.step(state, action), now.step(plain, action)
+        seen = [plain.obs, *seen[:2]]
+        np.testing.assert_allclose(state.obs, np.concatenate(seen, axis=1), atol=1e-5)
+    assert observation_size("jets*3") == late.observation_size == 3 * observation_size("jets")
+    names = [field.name for field in layout("jets*3")]
+    assert names[0] == "velocity along" and len(set(names)) == len(names)
+    assert names[-1] == "own thrust in the last step, as it acted, 2 control steps before"
+
+
+@pytest.mark.parametrize("name", ["jets*1", "jets*", "jets*two", "jets*65", "jets*-3", "jets*2*2"])
+def test_a_number_of_steps_that_cannot_be_is_refused(name):
+    with pytest.raises(InputError, match=r"after \* comes how many control steps .* jets\*4"):
+        TaskConfig(4, name)
 
 
 def test_rays_are_clear_without_obstacles_and_named_one_by_one():

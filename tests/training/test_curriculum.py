@@ -13,7 +13,9 @@ from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
+from salpchain.ranges import as_range
 from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.features import observation_size
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.registry import make_task
 from salpchain.tasks.renew import renew_done
@@ -22,9 +24,10 @@ from salpchain.training.curriculum import advance, draw_length, eased, new_curri
 from salpchain.training.learner import new_state
 from salpchain.training.ppo import TrainingSample, loss
 from salpchain.training.presets import choose
-from salpchain.training.rollout import Sample, log_probs
+from salpchain.training.rollout import Sample, log_probs, values
 from salpchain.training.run_folder import read_config, read_log
 from salpchain.training.trainer import resume, train
+from salpchain.world.config import SensingConfig, WorldConfig
 from salpchain.world.presets import world_config
 from tests.training.small import small
 
@@ -133,6 +136,7 @@ def test_dead_slots_change_no_gradient(ratio):
             np.testing.assert_allclose(one, two, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_episodes_that_start_on_their_target_count_for_nothing(tmp_path):
     config = small()
     task = dataclasses.replace(config.task, length=2, stalled=1.0)  # two units have nothing to fold
@@ -252,6 +256,33 @@ def test_a_run_begins_with_the_weights_of_another_and_what_is_new_counts_for_not
         mine = policy.act(*whole)
         theirs = load("any-length").network.act(seen, *whole[1:])
         np.testing.assert_allclose(mine, theirs, rtol=1e-5, atol=1e-6)
+
+
+def test_a_critic_of_its_own_begins_fresh_and_the_actor_as_it_was():
+    given = load("any-length").card.control
+    own = dataclasses.replace(given, critic="sea")
+    config = mixed(Mix((2, 3)), start="any-length", control=own)
+    config = dataclasses.replace(config, task=dataclasses.replace(config.task, observation="sea"))
+    policy = new_state(config, make_task(config.task)).policy
+    old = load("any-length").network
+    np.testing.assert_array_equal(policy.actor.layers[0].weight, old.actor.layers[0].weight)
+    assert not np.array_equal(policy.critic.layers[0].weight, old.critic.layers[0].weight)
+    assert policy.critic_trunk.first.linear.weight.shape[0] == observation_size("sea")
+
+
+def test_a_critic_of_its_own_judges_by_how_things_are_whatever_is_sensed():
+    plain = small(4)
+    config = dataclasses.replace(plain, control=ControlConfig(critic="sea"))
+    noisy = WorldConfig(sensing=SensingConfig(position=as_range(0.05)))
+    tasks = [make_task(config.task, world) for world in ("still", noisy)]
+    states = [jax.jit(jax.vmap(env.reset))(jr.split(jr.key(0), 3)) for env in tasks]
+    assert np.abs(states[0].obs - states[1].obs).max() > 0.1
+    policy = new_state(config, tasks[0]).policy
+    told, lied = (values(*both) for both in zip(tasks, [policy] * 2, states, strict=True))
+    np.testing.assert_allclose(told, lied, rtol=1e-5)
+    shared = new_state(plain, tasks[0]).policy
+    told, lied = (values(*both) for both in zip(tasks, [shared] * 2, states, strict=True))
+    assert np.abs(told - lied).max() > 1e-3
 
 
 @pytest.mark.parametrize(

@@ -79,6 +79,7 @@ def test_seeds_that_were_stopped_at_different_iterations_all_come_to_their_end(a
     assert [len(rows(run)) for run in folders(tmp_path)] == [ITERATIONS] * 2
 
 
+@pytest.mark.slow
 def test_a_seed_that_breaks_stops_nothing_but_itself(tmp_path, monkeypatch):
     compile_iterate = trainer.compile_iterate
 

@@ -36,6 +36,7 @@ def trained(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_a_run_keeps_the_task_and_its_settings(trained):
     config, _ = read_config(trained)
     assert config.task == HoverConfig(

@@ -115,6 +115,7 @@ def test_ctrl_c_while_the_log_opens_leaves_it_closed_and_the_run_goes_on(tmp_pat
     assert resume(tmp_path / "run")["steps"] == small(2).steps
 
 
+@pytest.mark.slow
 def test_a_run_that_another_process_is_at_is_left_alone(undisturbed, tmp_path):
     copy_of(undisturbed, tmp_path)
     with alone(tmp_path), pytest.raises(InputError, match="in use by another process"):

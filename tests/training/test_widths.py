@@ -15,12 +15,13 @@ from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.registry import make_task
 from salpchain.training.config import PPOConfig
 from salpchain.training.ppo import TrainingSample, _gradient
-from salpchain.training.rollout import _sample, _tell
+from salpchain.training.rollout import _known, _sample, _tell
 from salpchain.training.widths import at_width, by_length, widths_of
 
 SLOTS, CHAINS = 9, 64
 ENV = make_task(TaskConfig(length=SLOTS))
 MODELS = [("gcn", "mixed"), ("gatv2", "mixed"), ("gt", "full"), ("gcn", "hub")]
+CRITICS = [(*model, "") for model in MODELS[:3]] + [("gcn", "hub", "sea")]
 
 
 @pytest.mark.parametrize(
@@ -56,16 +57,16 @@ def states():
     return jax.jit(jax.vmap(ENV.reset))(jr.split(jr.key(4), CHAINS), lengths)
 
 
-def network(model, graph):
-    config = ControlConfig(model=model, graph=graph)
+def network(model, graph, critic=""):
+    config = ControlConfig(model=model, graph=graph, critic=critic)
     return actor_critic(jr.key(0), config, ENV.observation_size, ENV.action_size, SLOTS)
 
 
-@pytest.mark.parametrize(("model", "graph"), MODELS)
-def test_actions_and_values_are_the_same_with_fewer_slots(states, model, graph):
-    policy = network(model, graph)
-    tell = eqx.filter_jit(partial(_tell, policy))
-    whole, sorted_ = tell(states, ()), tell(states, (3, 6, 9))
+@pytest.mark.parametrize(("model", "graph", "critic"), [*CRITICS, ("gcn", "hub", "")])
+def test_actions_and_values_are_the_same_with_fewer_slots(states, model, graph, critic):
+    policy = network(model, graph, critic)
+    tell, known = eqx.filter_jit(partial(_tell, policy)), _known(ENV, policy, states)
+    whole, sorted_ = tell(states, (), known), tell(states, (3, 6, 9), known)
     present = states.chain.present[..., None]
     np.testing.assert_allclose(sorted_[1], whole[1], rtol=1e-4, atol=1e-5)
     one, other = (np.where(present, told[0], 0) for told in (whole, sorted_))
@@ -74,12 +75,13 @@ def test_actions_and_values_are_the_same_with_fewer_slots(states, model, graph):
 
 
 @pytest.mark.parametrize("credit", ["chain", "unit"])
-@pytest.mark.parametrize(("model", "graph"), MODELS[:3])
-def test_gradients_are_the_same_with_fewer_slots(states, model, graph, credit):
-    policy = network(model, graph)
-    mean, value = _tell(policy, states, ())
+@pytest.mark.parametrize(("model", "graph", "critic"), CRITICS)
+def test_gradients_are_the_same_with_fewer_slots(states, model, graph, critic, credit):
+    policy = network(model, graph, critic)
+    known = _known(ENV, policy, states)
+    mean, value = _tell(policy, states, (), known)
     keys = jr.split(jr.key(5), CHAINS)
-    sample = jax.vmap(partial(_sample, policy))(states, mean, value, keys)
+    sample = jax.vmap(partial(_sample, policy))(states, mean, value, keys, known)
     gain = jr.normal(jr.key(6), (CHAINS, SLOTS if credit == "unit" else 1))
     flat = jax.vmap(TrainingSample)(sample, gain, jr.normal(jr.key(7), (CHAINS,)))
     config = PPOConfig(ratio="unit", credit=credit)

@@ -1,5 +1,7 @@
 """Worlds on the live page: chains swim as the task does in them, and edits mind the walls."""
 
+from dataclasses import fields
+
 import equinox as eqx
 import jax.numpy as jnp
 import jax.random as jr
@@ -8,6 +10,7 @@ import pytest
 
 from salpchain.controllers.greedy import Greedy
 from salpchain.errors import InputError
+from salpchain.evaluation.suites import SUITES
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.physics.state import at_rest
 from salpchain.ranges import Range
@@ -19,6 +22,7 @@ from salpchain.web.pool import Pool
 from salpchain.web.recorder import Recorder
 from salpchain.web.swimmer import ANGLE, LINK, NEVER
 from salpchain.web.tank import MOST_UNITS
+from salpchain.web.troubles import LENGTH, TROUBLES, poured
 from salpchain.web.world import HARDEST_KICK, World
 from salpchain.world.config import (
     CurrentConfig,
@@ -182,6 +186,79 @@ def test_gaps_are_those_to_boxes_and_circles():
     np.testing.assert_allclose(world.tank.gap(points), [0.4, 2**0.5, -0.06, 1.0, -0.5], atol=1e-9)
 
 
+@pytest.mark.parametrize("trouble", TROUBLES)
+@pytest.mark.parametrize("grade", [0, 2])
+def test_a_trouble_is_that_of_the_suite_and_leaves_the_rest_still(trouble, grade):
+    which = {name: jnp.int32((1 + grade) * (name == trouble)) for name in TROUBLES}
+    world = poured(WorldConfig(), which)
+    meant = SUITES["sea"].troubles[trouble](grade, LENGTH)
+    meant = [meant["changing"]] if trouble == "current" else list(meant.values())
+    wanted = {path: value for one in meant for path, value in one.changes(WorldConfig()).items()}
+    assert wanted or (trouble, grade) == ("repeat", 0)
+    for part in ("dynamics", "current", "thrusters", "sensing", "obstacles"):
+        for one in fields(getattr(world, part)):
+            value, still = (getattr(getattr(x, part), one.name) for x in (world, WorldConfig()))
+            right = wanted.get(f"{part}.{one.name}", still)
+            if isinstance(right, Range):
+                value = [float(value.low), float(value.high)]
+            assert value == pytest.approx(right), one.name
+
+
+def test_troubles_poured_on_a_chain_take_hold_at_once_and_nothing_else_changes():
+    world = World(seed=2, config=WorldConfig(obstacles=ALL.obstacles))
+    world.reset(6)
+    world.place(only(world).name, 0.0, 2.0, 0.0)
+    before, walls = only(world), world.tank.world.obstacles
+    world.pour(["delay", "repeat"], "hard")
+    same = [only(world).units, only(world).works, world.tank.world.obstacles.posts.radius]
+    for one, other in zip(same, [before.units, before.works, walls.posts.radius], strict=True):
+        np.testing.assert_array_equal(one, other)
+    sensing = world.tank.world.sensing
+    assert [int(x) for x in (sensing.delay, sensing.action_delay, sensing.repeat)] == [3, 3, 3]
+    swim(world, 3)
+    assert not only(world).thrust.any()  # the first action is on its way
+    swim(world, 2)
+    assert only(world).thrust.any()
+    world.pour(["one-sided", "dead"], "medium")
+    assert not int(world.tank.world.sensing.delay) and bool(world.tank.world.thrusters.one_sided)
+    assert (~only(world).works).sum() == 2 and (only(world).gain == 1).all()
+    swim(world, 5)
+    assert (only(world).thrust > -0.1).all()  # what the lag leaves of thrusts backwards
+    dead = only(world).works
+    world.pour(["one-sided", "dead", "noise"], "medium")
+    np.testing.assert_array_equal(only(world).works, dead)
+    world.pour([], "medium")
+    assert only(world).works.all()
+    sizes = len(POOL._compiled)
+    world.reset(4)
+    world.pour(TROUBLES, "easy")
+    swim(world, 2)
+    assert len(POOL._compiled) == sizes and np.isfinite(only(world).units).all()
+
+
+def test_a_thruster_fails_after_it_was_doomed_and_not_before():
+    world = World(seed=3)
+    swim(world, 40)
+    world.pour(["failing"], "hard")
+    doomed = only(world).fails_at < NEVER
+    assert doomed.sum() == 6 and (only(world).fails_at[doomed] >= 40).all()
+    assert only(world).works.all()
+
+
+@pytest.mark.parametrize(
+    ("names", "grade", "said"),
+    [
+        (["sharks"], "easy", "unknown trouble 'sharks': choose of delay, noise"),
+        (["delay"], "wild", "unknown grade 'wild': choose one of easy, medium, hard"),
+    ],
+)
+def test_a_trouble_that_there_is_not_changes_nothing(world, names, grade, said):
+    before = world.tank.world
+    with pytest.raises(InputError, match=said):
+        world.pour(names, grade)
+    assert world.tank.world is before and not world.tank.troubles
+
+
 def stone(page, camera, where):
     """Whether the colour of a wall is at a point of the world."""
     return page.evaluate(
@@ -210,6 +287,29 @@ def test_walls_are_drawn_in_a_recording(world, browser, tmp_path):
         camera = "replay.swims[0].camera"
         assert all(stone(page, camera, (wall[:2] + wall[2:4]) / 2) for wall in walls)
         assert not stone(page, camera, only(world).target.mean(axis=0))
+
+
+@pytest.mark.slow
+def test_troubles_are_poured_on_from_the_page_and_taken_away(browser):
+    with live_server("greedy", "--seed", "1") as (address, _), watched(browser, address) as page:
+        until(page, "live.frames > 3 && live.policy && !live.loading")
+        assert page.is_hidden("#troubles")
+        page.click("#trouble")
+        page.click("[data-trouble=dead]")
+        until(page, "live.troubles.includes('dead')", patience=60)
+        page.select_option("#grade", "hard")
+        until(page, "live.chains[0].units.filter((unit) => !unit[4]).length === 6")
+        page.click("[data-trouble='one-sided']")
+        until(page, "live.troubles.length === 2 && live.grade === 'hard'")
+        time = page.evaluate("live.time")
+        until(page, f"live.time > {time} + 0.5")
+        assert page.evaluate("live.chains[0].units.every((unit) => unit[3] >= 0)")
+        assert page.inner_text("#trouble") == "Trouble (2)"
+        assert page.get_attribute("[data-trouble=dead]", "aria-pressed") == "true"
+        page.click("#calm")
+        until(page, "!live.troubles.length && live.chains[0].units.every((unit) => unit[4])")
+        page.keyboard.press("m")
+        assert page.is_hidden("#troubles")
 
 
 def test_posts_are_drawn_on_the_page_clear_of_the_chain(browser):

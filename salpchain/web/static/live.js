@@ -9,7 +9,7 @@
   const live = {
     chains: [], camera: new Salp.Camera(), current: [0, 0], paused: false, tool: "target",
     name: null, unit: null, sketch: null, held: null, step: 0.1, following: true, connected: false,
-    epoch: null, time: null, heard: 0, around: null, world: "still", lags: [], frames: 0, framed: 0, states: 0,
+    epoch: null, time: null, heard: 0, around: null, world: "still", lags: [], frames: 0, framed: 0, states: 0, troubles: [],
   };
   const ripples = [], trails = new Map(), arrivals = new Map();
   let socket = null, tries = 0, waiting = null, toasting = null, queued = null;
@@ -47,6 +47,7 @@
       live.epoch = null;
       live.world = message.world;
       Object.assign(Salp.sizes, { unit: message.unit, link: message.link });
+      Tools.troubles(live, { names: message.troubles, grades: message.grades });
       get("policy").replaceChildren(...message.policies.map((name) => new Option(name, name)));
     },
     state: hearState,
@@ -74,7 +75,8 @@
     live.chains.forEach(celebrate);
     Object.assign(live, {
       epoch: state.epoch, time: state.time, paused: state.paused, pacing: state.speed, current: state.current,
-      policy: state.policy, loading: state.loading, took: state.took,
+      policy: state.policy, loading: state.loading, took: state.took, troubles: state.troubles,
+      grade: state.grade, roughening: state.roughening,
     });
     Recording.hear(state);
     if (live.held?.waits) answerHeld(state);
@@ -184,7 +186,8 @@
     const which = live.chains.length > 1 ? `Chain ${at + 1} of ${live.chains.length}` : "";
     const unit = live.unit === null ? "" : `unit ${live.unit + 1}${chain.units[live.unit]?.[4] ? "" : " (thruster off)"}`;
     say("hint", [which, unit].filter(Boolean).join(", ") || Tools.HINTS[live.tool]);
-    banner(live.loading ? `Loading ${live.loading}: it swims in a moment` : "");
+    banner(live.loading ? `Loading ${live.loading}: it swims in a moment`
+      : live.roughening ? "The water gets rough in a moment" : "");
     offer();
     const where = live.world === "still" ? "" : `The world is ${live.world}, drawn anew at each reset. `;
     say("health", `${where}A step takes ${live.took} ms on the server.${lagWords()}`);
@@ -215,6 +218,11 @@
     if (document.activeElement !== get("pace")) get("pace").value = String(live.pacing);
     const shown = live.loading || live.policy;
     if (document.activeElement !== get("policy") || !live.loading) get("policy").value = shown;
+    for (const button of document.querySelectorAll("[data-trouble]")) {
+      button.setAttribute("aria-pressed", live.troubles.includes(button.dataset.trouble));
+    }
+    if (document.activeElement !== get("grade")) get("grade").value = live.grade;
+    say("trouble", live.troubles.length ? `Trouble (${live.troubles.length})` : "Trouble");
     get("join").disabled = live.chains.length < 2;
     get("shrink").disabled = (live.chosen()?.units.length ?? 0) <= 2;
     for (const button of document.querySelectorAll("[data-tool]")) {
@@ -386,6 +394,7 @@
   click("fit", live.follow);
   click("keys", live.help);
   click("again", () => Tools.retarget(live, live.offered));
+  click("trouble", Tools.showTroubles);
   click("join", () => Tools.join(live));
   click("grow", () => Tools.KEYS["+"](live));
   click("shrink", () => Tools.KEYS["-"](live));

@@ -244,6 +244,32 @@ const Tools = (() => {
     live.send("target", { chain: chain.name });
   }
 
+  // The panel of troubles: each a button that is pressed in or not, the grade holds for all.
+  function troubles(live, { names, grades }) {
+    const get = (id) => document.getElementById(id);
+    const send = (on, grade = get("grade").value) => live.send("trouble", { names: on, grade });
+    get("names").replaceChildren(...names.map((name) => {
+      const button = document.createElement("button");
+      button.textContent = name;
+      button.dataset.trouble = name;
+      button.addEventListener("click", () => {
+        const on = new Set(live.troubles);
+        if (!on.delete(name)) on.add(name);
+        send([...on]);
+      });
+      return button;
+    }));
+    get("grade").replaceChildren(...grades.map((name) => new Option(name, name)));
+    get("grade").onchange = () => send(live.troubles);
+    get("calm").onclick = () => send([]);
+  }
+
+  function showTroubles() {
+    const panel = document.getElementById("troubles"), button = document.getElementById("trouble");
+    panel.hidden = !panel.hidden;
+    button.setAttribute("aria-expanded", !panel.hidden);
+  }
+
   const withChain = (live, kind, more = () => ({})) => {
     const chain = live.chosen();
     if (chain) live.send(kind, { chain: chain.name, ...more(chain) });
@@ -257,7 +283,7 @@ const Tools = (() => {
     q: (live) => spin(live, Math.PI / 18), e: (live) => spin(live, -Math.PI / 18),
     "+": (live) => withChain(live, "grow"), "=": (live) => withChain(live, "grow"),
     "-": (live) => withChain(live, "shrink"),
-    n: (live) => live.next(), ",": (live) => live.mark(-1), ".": (live) => live.mark(1),
+    m: showTroubles, n: (live) => live.next(), ",": (live) => live.mark(-1), ".": (live) => live.mark(1),
     x: (live) => withChain(live, "cut", (chain) => ({ link: Math.min(live.unit ?? Math.floor(chain.units.length / 2) - 1, chain.units.length - 2) })),
     j: join, t: toggle, k: kick, c: (live) => live.send("flow", { x: 0, y: 0 }),
     " ": (live) => live.send("pause", { on: !live.paused }), s: (live) => live.send("step"),
@@ -268,5 +294,5 @@ const Tools = (() => {
   };
   SHAPES.forEach((bend, i) => { KEYS[String(i + 1)] = (live) => shape(live, bend); });
 
-  return { GRABS, HINTS, KEYS, asLongAs, join, knob, middle, retarget };
+  return { GRABS, HINTS, KEYS, asLongAs, join, knob, middle, retarget, showTroubles, troubles };
 })();
