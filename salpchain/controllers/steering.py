@@ -17,7 +17,7 @@ from salpchain.files import StrPath
 from salpchain.given import told
 from salpchain.physics.state import Bodies, at_rest
 from salpchain.starting import check_can_compute
-from salpchain.tasks.features import senses
+from salpchain.tasks.features import readings, senses
 from salpchain.tasks.reach.task import SCLD
 
 Poses = dict[str, np.ndarray]
@@ -106,7 +106,13 @@ def steering(controller: Controller | StrPath, length: int) -> Steering:
             f"{controller.card.name} plans on the simulation and remembers: it cannot be steered"
             " by poses; take a policy, greedy or approach"
         )
-    needed = senses(controller.card.observation)
+    observation = controller.card.observation
+    if readings(observation)[1] > 1:
+        raise InputError(
+            f"{controller.card.name} observes {observation}, several control steps at once: poses"
+            " tell of one; take a policy that observes one"
+        )
+    needed = senses(observation)
     if needed:
         raise InputError(
             f"{controller.card.name} observes {controller.card.observation}, which senses"

@@ -9,7 +9,9 @@ import jax.random as jr
 from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller, PolicyCard, act, begin
+from salpchain.errors import InputError
 from salpchain.physics.state import Bodies, Physics
+from salpchain.tasks.features import readings
 from salpchain.tasks.observations import observe
 from salpchain.tasks.state import State
 
@@ -25,6 +27,11 @@ class Noisy(eqx.Module):
     controller: Controller
     place: float = 0.0
     angle: float = 0.0
+
+    def __check_init__(self) -> None:
+        observed = self.controller.card.observation
+        if readings(observed)[1] > 1:
+            raise InputError(f"{observed} is of several control steps: give a world with noise")
 
     @property
     def card(self) -> PolicyCard:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from salpchain.errors import InputError
 from salpchain.interop.extras import need
-from salpchain.tasks.features import OBSERVATIONS, SENSED, features, senses
+from salpchain.tasks.features import OBSERVATIONS, SENSED, features, readings, senses
 from salpchain.tasks.reach.reward import FINE_SCALE
 from salpchain.tasks.reach.targets import LINK, RADIUS, SPAWN
 from salpchain.tasks.view import View
@@ -112,8 +112,14 @@ def observe(name: str, chains: Chains) -> Tensor:
     """What every unit sees (env, unit, feature); `name` as in `TaskConfig.observation`.
 
     Raises:
-        InputError: an observation of what is around a chain, which VMAS's world does not give.
+        InputError: an observation of what is around a chain, which VMAS's world does not give, or
+            of several control steps.
     """
+    if readings(name)[1] > 1:
+        raise InputError(
+            f"observation {name} is of several control steps at once, which VMAS does not keep:"
+            f" choose {readings(name)[0]}"
+        )
     if senses(name):
         raise InputError(
             f"observation {name} senses {', '.join(senses(name))}, which there is not in VMAS:"

@@ -362,6 +362,11 @@ def observation_size(observation: str) -> int:
     return len(layout(observation))
 
 
+def remembered_size(observation: str) -> int:
+    """Numbers of a unit that are observed again in the next control step; 0 of a single step."""
+    return observation_size(observation) if readings(observation)[1] > 1 else 0
+
+
 def senses(observation: str) -> tuple[str, ...]:
     """What must be sensed of the world for an observation."""
     every = (sense for feature in features(observation) for sense in feature.senses)

@@ -16,7 +16,8 @@ from salpchain.controllers.policy import Controller
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.physics.state import Bodies, Chain, heading
 from salpchain.tasks.config import TaskConfig
-from salpchain.tasks.observations import Around
+from salpchain.tasks.features import remembered_size
+from salpchain.tasks.observations import Around, with_history
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.web.memory import kept, remembered, width
@@ -44,6 +45,8 @@ class Packed(NamedTuple):
     current: Any  # (2,) m/s, of the water besides the world's
     memory: Any  # (slot, number) of faulty sensors
     begins: Any  # (slot,) whether a unit's sensors begin
+    seen: Any  # (slot, feature) what the controller was shown in the step before
+    starts: Any  # (slot,) whether it was shown nothing yet
     time: Any  # control steps since the reset
     seed: Any  # (2,) data of the key of what changes in time
     first: Any  # (chain,) slot of each chain's first unit
@@ -57,6 +60,7 @@ class Moved(NamedTuple):
     links: Any  # (gap, 6)
     thrust: Any  # (slot,)
     memory: Any  # (slot, number)
+    seen: Any  # (slot, feature)
     water: Any  # arrays of the world's own current
     distance: Any  # (chain,) m, mean, to the target
     reached: Any  # (chain,)
@@ -80,7 +84,7 @@ class Pool:
             if key not in self._compiled:
                 weights, rest = eqx.partition(controller, eqx.is_array)
                 fixed = eqx.filter(world, eqx.is_array, inverse=True)
-                packed = empty(slots, world)
+                packed = empty(slots, world, controller.card.observation)
                 work = jax.jit(partial(_advance, rest, fixed)).lower(
                     weights, _arrays(world), packed
                 )
@@ -115,8 +119,8 @@ def slots_for(units: int) -> int:
     return next(slots for slots in SLOTS if slots >= units)
 
 
-def empty(slots: int, world: World) -> Packed:
-    """No chains, in arrays of the right shapes and types for a world."""
+def empty(slots: int, world: World, observation: str) -> Packed:
+    """No chains, in arrays of the right shapes and types for a world and an observation."""
     gap, f = slots - 1, np.float32
     return Packed(
         units=np.zeros((slots, 6), f),
@@ -130,6 +134,8 @@ def empty(slots: int, world: World) -> Packed:
         current=np.zeros(2, f),
         memory=np.zeros((slots, width(world.sensing)), f),
         begins=np.ones(slots, bool),
+        seen=np.zeros((slots, remembered_size(observation)), f),
+        starts=np.ones(slots, bool),
         time=np.zeros((), np.int32),
         seed=np.zeros(2, np.uint32),
         first=np.zeros(CHAINS, np.int32),
@@ -143,9 +149,8 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
     world, chain = _world(packed, drawn), _chain(packed)
     keys = jr.split(jr.fold_in(jr.wrap_key_data(packed.seed), packed.time), 3)
     senses = remembered(world.sensing, keys[0], chain, packed.memory, packed.begins)
-    thrust = _asked(
-        controller, world, packed, chain if senses is None else senses.of(chain), senses
-    )
+    told = chain if senses is None else senses.of(chain)
+    thrust, seen = _asked(controller, world, packed, told, senses)
     if world.sensing is not None and senses is not None:
         asked, senses = world.sensing.given(senses, thrust[:, None], packed.time)
         thrust = asked[:, 0]
@@ -159,6 +164,7 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
         links=_columns(chain.links),
         thrust=thrust,
         memory=kept(senses, len(packed.units)),
+        seen=seen,
         water=of_episode(drawn.advance(keys[2])).current,
         distance=apart,
         reached=good,
@@ -166,25 +172,28 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
 
 
 def _asked(
-    controller: Controller, world: World, packed: Packed, seen: Chain, senses: Senses | None
-) -> Float[Array, " slot"]:
-    """The thrusts (N) that the controller asks for, of each chain as its sensors tell it."""
+    controller: Controller, world: World, packed: Packed, told: Chain, senses: Senses | None
+) -> tuple[Float[Array, " slot"], Float[Array, "slot feature"]]:
+    """The thrusts (N) that the controller asks for, of each chain as its sensors tell it, and what
+    of that it is shown again in the next step."""
     card, slots = controller.card, len(packed.units)
     env = SCLD(TaskConfig(slots, card.observation, card.action))
     force = packed.thrust[:, None] * heading(_bodies(packed.units).angle)
     silent = jnp.zeros(slots, bool) if senses is None else senses.dropped > 0
 
-    def steer(index: Array, thrust: Array) -> Array:
-        first = packed.first[index]
+    def steer(index: Array, asked: tuple[Array, Array]) -> tuple[Array, Array]:
+        first, (thrust, shown) = packed.first[index], asked
         own = View(
-            *_alone(packed, seen, force, index),
-            jnp.roll(packed.gain, -first),
-            jnp.roll(silent, -first),
+            *_alone(packed, told, force, index),
+            *(jnp.roll(x, -first, 0) for x in (packed.gain, silent, packed.seen, packed.starts)),
         )
-        wanted = env.thrust(own.chain, _act(controller, env, own, world, packed.time))
-        return thrust + jnp.roll(wanted, first)
+        action, seen = _act(controller, env, own, world, packed.time)
+        wanted = env.thrust(own.chain, action)
+        mine = jnp.roll(own.chain.present, first)[:, None]
+        return thrust + jnp.roll(wanted, first), jnp.where(mine, jnp.roll(seen, first, 0), shown)
 
-    return jax.lax.fori_loop(0, (packed.count > 0).sum(), steer, jnp.zeros(slots))
+    nothing = jnp.zeros(slots), jnp.zeros_like(packed.seen)
+    return jax.lax.fori_loop(0, (packed.count > 0).sum(), steer, nothing)
 
 
 def _judged(packed: Packed, chain: Chain) -> tuple[Array, Array]:
@@ -243,13 +252,16 @@ class View(NamedTuple):
     force: Float[Array, "slot 2"]  # N, of the last step
     gain: Float[Array, " slot"]  # of each thruster
     silent: Bool[Array, " slot"]  # whether a unit's readings are dropped
+    seen: Float[Array, "slot feature"]  # what the controller was shown before
+    starts: Bool[Array, " slot"]  # whether it was shown nothing yet
 
 
 def _act(
     controller: Controller, env: SCLD, own: View, world: World, time: Array
-) -> Float[Array, "slot act"]:
-    """What the controller does, as it would in an episode that begins now."""
-    slots = env.config.length
+) -> tuple[Float[Array, "slot act"], Float[Array, "slot feature"]]:
+    """What the controller does, as it would in an episode that begins now but for what it was shown
+    before; and what it is shown, if that is shown again."""
+    slots, name = env.config.length, env.config.observation
     if controller.card.control.model in SINGLE_LENGTH:
         env = SCLD(replace(env.config, length=controller.card.length))
         own = _shortened(own, env.config.length)
@@ -257,9 +269,15 @@ def _act(
     thrusters = replace(world.thrusters or Thrusters(), gain=own.gain)
     around = Around(replace(world, thrusters=thrusters), time)
     obs = env.observe(own.chain, own.target, own.force, around)
-    obs = jnp.where(own.silent[:, None], 0.0, obs)
+    now = jnp.where(own.silent[:, None], 0.0, obs)
+    obs = now
+    if own.seen.shape[1]:
+        obs = jnp.where(own.starts[:, None], now, with_history(name, now, own.seen))
     action = controller.act(eqx.tree_at(lambda s: s.obs, state, obs))
-    return jnp.zeros((slots, action.shape[1])).at[: len(action)].set(action)
+    seen = jnp.zeros((slots, own.seen.shape[1]))
+    if own.seen.shape[1]:
+        seen = seen.at[: len(obs)].set(obs)
+    return jnp.zeros((slots, action.shape[1])).at[: len(action)].set(action), seen
 
 
 def _shortened(own: View, length: int) -> View:

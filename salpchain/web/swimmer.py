@@ -47,6 +47,7 @@ class Swimmer:
     since: int = 0  # control steps since the target was changed
     arrived: int | None = None  # control steps that the way to this target took
     memory: Float[np.ndarray, "unit number"] | None = None  # of faulty sensors; None: they begin
+    seen: Float[np.ndarray, "unit feature"] | None = None  # shown to the controller before
 
     @property
     def length(self) -> int:
@@ -120,6 +121,7 @@ def grown(one: Swimmer, others: Points, lets: Lets = everywhere) -> Swimmer:
         gain=np.append(one.gain, 1.0),
         fails_at=np.append(one.fails_at, NEVER),
         memory=None,
+        seen=None,
         thrust=np.append(one.pushes, 0.0),
         target=np.vstack([one.target, more]),
     )
@@ -148,6 +150,7 @@ def _part(one: Swimmer, first: int, end: int) -> Swimmer:
         gain=one.gain[first:end],
         fails_at=one.fails_at[first:end],
         memory=None if one.memory is None else one.memory[first:end],
+        seen=None if one.seen is None else one.seen[first:end],
         thrust=one.pushes[first:end],
         target=one.target[first:end],
     )
@@ -193,6 +196,7 @@ def turned_round(one: Swimmer) -> Swimmer:
         gain=one.gain[::-1].copy(),
         fails_at=one.fails_at[::-1].copy(),
         memory=None,
+        seen=None,
         thrust=-one.pushes[::-1],
         target=one.target[::-1].copy(),
     )
@@ -232,6 +236,7 @@ def joined(one: Swimmer, other: Swimmer, lets: Lets = everywhere) -> Swimmer:
         gain=np.concatenate([one.gain, other.gain]),
         fails_at=np.concatenate([one.fails_at, other.fails_at]),
         memory=None,
+        seen=None,
         thrust=np.concatenate([one.pushes, other.pushes]),
         target=_gone_on(one.target, other.length),
     )

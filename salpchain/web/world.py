@@ -162,7 +162,7 @@ class World:
 
     def advance(self, pool: Pool, controller: Controller) -> None:
         """One control step (0.1 s) of all chains."""
-        packed = self._pack()
+        packed = self._pack(controller.card.observation)
         moved = pool.advance(controller, packed, self.tank.world)
         if not (np.isfinite(moved.units).all() and np.isfinite(moved.links).all()):
             self.reset()  # no edit is known to do this; a world must never stay broken
@@ -176,9 +176,9 @@ class World:
         ]
         self.tank.survey(self.swimmers, self.current, self.time)
 
-    def _pack(self) -> Packed:
+    def _pack(self, observation: str) -> Packed:
         """All chains one after the other; the gap between two chains is no link."""
-        packed = empty(slots_for(self.num_units), self.tank.world)
+        packed = empty(slots_for(self.num_units), self.tank.world, observation)
         first = 0
         for index, one in enumerate(self.swimmers):
             units, links = slice(first, first + one.length), slice(first, first + one.length - 1)
@@ -188,6 +188,8 @@ class World:
             packed.thrust[units] = one.pushes
             if one.memory is not None:
                 packed.memory[units], packed.begins[units] = one.memory, False
+            if one.seen is not None and one.seen.shape[1] == packed.seen.shape[1]:
+                packed.seen[units], packed.starts[units] = one.seen, False
             packed.first[index], packed.count[index] = first, one.length
             for name, unit, kick in self._kicks:
                 if name == one.name and unit < one.length:
@@ -239,6 +241,7 @@ def _after(one: Swimmer, moved: Moved, index: int, first: int, time: int) -> Swi
         works=one.works & ~fails if fails.any() else one.works,
         thrust=moved.thrust[mine].astype(float),
         memory=moved.memory[mine] if moved.memory.shape[1] else None,
+        seen=moved.seen[mine] if moved.seen.shape[1] else None,
         distance=float(moved.distance[index]),
         reached=good,
         since=since,

@@ -29,6 +29,7 @@ def swimming(length=9):
     ]
 
 
+@pytest.mark.slow
 def test_it_takes_targets_that_greedy_cannot():
     for length, share in ((3, 1.0), (9, 0.9)):
         (ours,), (greedy,) = (

@@ -50,6 +50,7 @@ def test_a_guide_is_followed_where_no_better_plan_is_found(state):
     np.testing.assert_allclose(plan.thrusts[0], Greedy().act(after)[:, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_released_policy_can_guide_and_its_plan_is_never_worse_than_what_it_would_do():
     guide = load("any-length")
     planner = MPC.guided(guide)

@@ -92,6 +92,8 @@ def test_poses_that_cannot_be_used_are_refused(which, wrong, says):
 def test_what_cannot_be_steered_by_poses_is_refused():
     with pytest.raises(InputError, match="mpc plans on the simulation"):
         salpchain.steering(salpchain.MPC(), 4)
+    with pytest.raises(InputError, match=r"body\*2, several control steps at once: poses"):
+        salpchain.steering(fresh(observation="body*2"), 4)
     with pytest.raises(InputError, match="works at 5 units only, got length 4"):
         salpchain.steering(CONTROLLERS["mlp"], 4)
     with pytest.raises(InputError, match="2 to 512"):

@@ -157,6 +157,7 @@ def test_a_controller_that_remembers_and_its_baseline_start_alike():
     assert own["start_distance"]["mean"] == pytest.approx(other["start_distance"]["mean"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_real_trials_of_both_start_alike_and_greedy_closes_more(tmp_path):
     summary = evaluate(Constant(0.5), [4], 16, "fixed", 7, tmp_path)
     own, other = summary["lengths"][0], summary["baseline"]["lengths"][0]

@@ -81,6 +81,7 @@ def test_greedy_closes_more_than_doing_nothing_which_closes_nothing(greedy, idle
     assert (idle.thrust_effort == 0).all() and idle.path_efficiency.isna().all()
 
 
+@pytest.mark.slow
 def test_a_wider_goal_is_taken_sooner_and_farther_from_the_target(greedy):
     wide, *_ = run_trials([Greedy()], LENGTH, TRIALS, "fixed", SEED, task=TaskConfig(tolerance=0.2))
     np.testing.assert_array_equal(wide.start_distance, greedy.start_distance)
@@ -290,6 +291,7 @@ def test_swims_of_many_lengths_recorded_together_are_those_recorded_alone():
         np.testing.assert_allclose(swim.target, alone.target, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_trials_that_go_on_alone_end_as_they_do_among_all(monkeypatch):
     sizes = []
 
@@ -330,6 +332,7 @@ def test_nobody_knows_the_limits_of_water_that_changes_by_chance():
     assert there.possible.all()
 
 
+@pytest.mark.slow
 def test_what_physics_forbids_is_told_as_impossible():
     none = WorldConfig(thrusters=ThrusterConfig(dead=Range(1.0, 1.0)))
     (dead,) = run_trials([Greedy()], LENGTH, 3, "fixed", SEED, world=none)

@@ -123,6 +123,8 @@ def test_every_observation_is_ours_on_the_same_states():
         expected = jax.vmap(partial(observe, name))(ours(env), target, force)
         np.testing.assert_allclose(torch_task.observe(name, chains), expected, atol=1e-4)
     assert np.abs(expected).max() > 0.1
+    with pytest.raises(InputError, match=r"body\*2 is of several control steps .* choose body"):
+        torch_task.observe("body*2", chains)
     with pytest.raises(InputError, match="around senses water, surface, thruster, which"):
         torch_task.observe("around", chains)
 

@@ -169,7 +169,11 @@ def step_each(contact=True):
 # With these seeds chains bend and joints give more than in most others.
 @pytest.mark.parametrize(
     ("num", "batch", "steps", "seeds"),
-    [(8, 200, 80, (3, 6, 7)), (17, 40, 60, (0,)), (33, 20, 60, (33,))],
+    [
+        (8, 200, 80, (3, 6, 7)),
+        pytest.param(17, 40, 60, (0,), marks=pytest.mark.slow),
+        (33, 20, 60, (33,)),
+    ],
 )
 def test_looking_at_near_pairs_only_gives_the_same_as_looking_at_all(
     recompiling, num, batch, steps, seeds

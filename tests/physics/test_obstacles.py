@@ -137,7 +137,9 @@ def test_without_obstacles_nothing_of_them_is_traced(monkeypatch):
         step(one, jnp.ones(5), obstacles=ROOM)
 
 
-@pytest.mark.parametrize(("num", "batch", "steps"), [(8, 100, 100), (17, 30, 150)])
+@pytest.mark.parametrize(
+    ("num", "batch", "steps"), [(8, 100, 100), pytest.param(17, 30, 150, marks=pytest.mark.slow)]
+)
 def test_looking_at_what_is_near_only_gives_the_same_as_looking_at_all(
     recompiling, num, batch, steps
 ):

@@ -242,6 +242,7 @@ def test_a_run_in_rougher_and_rougher_worlds_says_how_rough_they_are(tmp_path, m
     assert ease[0] == 1 and (np.diff(ease) <= 0).all() and ease[-1] < 1
 
 
+@pytest.mark.slow
 def test_a_run_begins_with_the_weights_of_another_and_what_is_new_counts_for_nothing():
     config = mixed(Mix((2, 3)), start="any-length", control=load("any-length").card.control)
     for observation in ("proximity", "jets"):

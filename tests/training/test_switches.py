@@ -71,6 +71,7 @@ def test_under_every_switch_all_works_or_names_the_remedy(switch, run, tmp_path)
         assert REFUSED[switch][1] in str(refused.value)
 
 
+@pytest.mark.slow
 def test_a_run_of_more_devices_than_there_are_goes_on_and_says_so(run):
     path = run / "config.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), "devices": 64}))

@@ -21,7 +21,11 @@ from salpchain.training.widths import at_width, by_length, widths_of
 SLOTS, CHAINS = 9, 64
 ENV = make_task(TaskConfig(length=SLOTS))
 MODELS = [("gcn", "mixed"), ("gatv2", "mixed"), ("gt", "full"), ("gcn", "hub")]
-CRITICS = [(*model, "") for model in MODELS[:3]] + [("gcn", "hub", "sea")]
+QUICK, SLOW = (
+    [("gcn", "mixed", ""), ("gcn", "hub", "sea")],
+    [("gatv2", "mixed", ""), ("gt", "full", "")],
+)
+CRITICS = [*QUICK, *[pytest.param(*one, marks=pytest.mark.slow) for one in SLOW]]
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ from salpchain.world.config import (
 )
 from salpchain.world.presets import world_config
 from salpchain.world.thrusters import Thrusters
+from tests.interop.policies import fresh
 from tests.web.browser import live_server, open_browser, until, watched
 
 POOL = Pool()
@@ -102,6 +103,33 @@ def test_a_chain_swims_as_it_would_in_the_task_in_that_world(world):
         np.testing.assert_allclose(only(world).units[:, :2], state.chain.units.position, atol=5e-4)
     assert only(world).works.sum() == 3  # one has failed by now
     assert np.abs(only(world).units[:, :2] - one.units[:, :2]).max() > 0.1
+
+
+def test_a_policy_that_sees_several_steps_swims_as_it_would_in_the_task():
+    """Two chains, so that each is shown its own."""
+    policy = fresh(observation="jets*3")
+    world = World(seed=5)
+    world.reset(9)
+    world.cut(only(world).name, 3)
+    states = []
+    for one in world.swimmers:
+        env = SCLD(TaskConfig(one.length, "jets*3"))
+        chain = at_rest(jnp.asarray(one.units[:, :2]), jnp.asarray(one.units[:, ANGLE]))
+        states.append((env, env.start(chain, jnp.asarray(one.target), jr.key(0))))
+    for _ in range(8):
+        shown = [state.obs for _, state in states]
+        states = [(env, env.step(state, policy.act(state))) for env, state in states]
+        world.advance(POOL, policy)
+    for one, obs, (_, state) in zip(world.swimmers, shown, states, strict=True):
+        np.testing.assert_allclose(one.units[:, :2], state.chain.units.position, atol=2e-3)
+        # which of two units is the nearer one may be told otherwise
+        assert np.mean(np.abs(one.seen - obs) > 0.1) < 0.03
+        assert np.abs(obs[:, :27] - obs[:, -27:]).max() > 0.1
+    world.grow(world.swimmers[0].name)
+    assert world.swimmers[0].seen is None is not world.swimmers[1].seen
+    world.advance(POOL, policy)
+    world.advance(POOL, Greedy())  # who is shown nothing again
+    assert all(one.seen is None for one in world.swimmers)
 
 
 def test_no_unit_enters_a_wall_whatever_is_done(world):
