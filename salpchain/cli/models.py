@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from json import dumps
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -111,4 +111,21 @@ def _card(name: str) -> str:
         low, high = (100 * bound for bound in row["interval"])
         share = f"{success:.1f} [{low:.0f}, {high:.0f}]"
         lines.append(f"{row['length']:>7} {share:>20} {closed:>9.1f} {steps:>14}")
+    if "suite" in card:
+        lines += _suite(card["suite"])
     return "\n".join(lines)
+
+
+def _suite(suite: dict[str, Any]) -> list[str]:
+    """Success in each cell of a suite: a line for each trouble and grade."""
+    lengths = suite["lengths"]
+    lines = [
+        f"suite {suite['suite']}, version {suite['version']}: success % of {suite['trials']}"
+        f" episodes in each cell, seed {suite['seed']}",
+        f"{'units':>18} " + " ".join(f"{length:>4}" for length in lengths),
+    ]
+    found = {(c["trouble"], c["grade"], c["length"]): c["success"] for c in suite["cells"]}
+    for trouble, grade in dict.fromkeys((trouble, grade) for trouble, grade, _ in found):
+        row = " ".join(f"{100 * found[trouble, grade, length]:>4.0f}" for length in lengths)
+        lines.append(f"{trouble + ('' if grade == 'none' else ' ' + grade):>18} {row}")
+    return lines

@@ -25,7 +25,8 @@ def model_card(name: str) -> dict[str, Any]:
     `about`, `command` (that made it), `training_lengths`, `steps` and `minutes` of training,
     `licence`, `limits`, and `measured`: for each length the success with its 95 % interval and the
     closed fraction (shares), and the median of the steps to the goal, over `trials` episodes from
-    the starts of `seed` under this `time_limit`.
+    the starts of `seed` under this `time_limit`. Some have a `suite` too, with the success in each
+    of its cells.
 
     Raises:
         InputError: the card is damaged.

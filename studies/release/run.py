@@ -7,7 +7,7 @@ all measures of the test to studies/release/results/.
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,35 +18,67 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE
 from salpchain.evaluation.evaluate import evaluate
+from salpchain.evaluation.suite import CELLS_FILE, run_suite
 from salpchain.experiments.results import RESULTS
 from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
+from salpchain.training.settings import preset
 from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
+SUITE_TRIALS = 40  # of each cell: a fifth of what the suite asks for
+SUITES_OF = {"any-water": "sea"}
 SEED = 2001  # of the starts that judge (chosen)
 LIMIT = "scaled"
 TESTS = Path(__file__).parent / RESULTS
 
 
-def any_length() -> TrainConfig:
+def any_length(_: Path) -> Iterator[TrainConfig]:
     """`gcn` on `mixed`, trained on 2 to 16 units: `salpchain train --length 2..16`, but longer.
 
     An episode has 16 units eight times as often as 2: short chains are learned in passing.
     """
     lengths = tuple(range(2, 17))
     mix = Mix(lengths, weights=tuple(float(length) for length in lengths))
-    return presets.choose("quick", mix=mix, steps=30_000_000)
+    yield presets.choose("quick", mix=mix, steps=30_000_000)
 
 
-def paper(model: str, length: int) -> Callable[[], TrainConfig]:
+def paper(model: str, length: int) -> Callable[[Path], Iterator[TrainConfig]]:
     """The paper's controller for one training length, trained with `quick`."""
-    return lambda: presets.choose("quick", model=model, length=length)
+    return lambda _: iter([presets.choose("quick", model=model, length=length)])
+
+
+ROUGH = {
+    "task.observation": "sea",
+    "task.tolerance": 0.04,  # m, twice as wide as in still water
+    "world.spared": "0.5:1",  # of an episode's troubles: few at once
+    "ppo.gamma": 0.998,  # jets that push one way must swim away to come back
+    "ppo.value_weight": 0.05,  # returns of chains that are swept away drown the actor otherwise
+}
+
+
+def any_water(runs: Path) -> Iterator[TrainConfig]:
+    """`gcn` on `mixed` in three runs, each from the weights of the one before.
+
+    Jets that push one way come first: a controller that swims well without them never learns it.
+    """
+    jets = {"task.observation": "jets", "world.thrusters.one_sided": True, "world.spared": 0.5}
+    yield at_sea("2..8", 6_000_000, jets)
+    first, second = (str(runs / f"any-water-{stage}") for stage in (1, 2))
+    yield at_sea("2..8", 32_000_000, {**ROUGH, "start": first, "ppo.learning_rate": 1e-3})
+    yield at_sea("2..16", 8_000_000, {**ROUGH, "start": second, "ppo.learning_rate": 7e-4})
+
+
+def at_sea(lengths: str, steps: int, settings: Mapping[str, object]) -> TrainConfig:
+    """`quick` on these lengths; in world `sea` unless the settings name parts of another."""
+    world = "still" if "world.thrusters.one_sided" in settings else "sea"
+    return preset(length=lengths, world=world, settings={**settings, "steps": steps})
 
 
 RECIPES = {
+    "any-water": (any_water, "one controller for rough water, trained on 2 to 16 units"),
     "any-length": (any_length, "one controller for every length, trained on 2 to 16 units"),
     **{
         f"paper-{model}-{length}": (
@@ -61,9 +93,11 @@ RECIPES = {
 def release(name: str, runs: Path) -> None:
     """Trains, tests and writes one policy; what is tested is the file that is released."""
     make, about = RECIPES[name]
-    run = runs / name
     use_devices()
-    train_or_go_on(make(), run)
+    stages, run = list(make(runs)), runs / name
+    folders = [*(f"{name}-{stage}" for stage in range(1, len(stages))), name]
+    for config, folder in zip(stages, folders, strict=True):
+        train_or_go_on(config, runs / folder)
     trained = load(run)
     policy = Policy(trained.network, dataclasses.replace(trained.card, name=name))
     file = run / f"{name}.safetensors"
@@ -76,8 +110,34 @@ def release(name: str, runs: Path) -> None:
         folder.mkdir(exist_ok=True)
     write_json(TESTS / f"{name}.json", summary)
     save_policy(policy, FOLDER / file.name, half=True)
-    trained_for = read_json(run / run_folder.SUMMARY_FILE)
-    write_json(FOLDER / f"{name}.json", _card(policy, about, trained_for, summary))
+    trained_for = _together([runs / stage for stage in folders])
+    card = _card(policy, about, trained_for, summary)
+    if name in SUITES_OF:
+        card["limits"] = "simulated only; measured from straight starts at rest"
+        card["suite"] = _suite(load(file), SUITES_OF[name], run / "suite")
+    write_json(FOLDER / f"{name}.json", card)
+
+
+def _together(runs: Sequence[Path]) -> dict[str, float]:
+    """Steps and seconds of several runs."""
+    all_of_them = [read_json(run / run_folder.SUMMARY_FILE) for run in runs]
+    return {name: sum(one[name] for one in all_of_them) for name in ("steps", "seconds")}
+
+
+def _suite(policy: Policy, name: str, out: Path) -> dict[str, Any]:
+    """What the policy does in a suite: success and its interval in each cell."""
+    if not (out / CELLS_FILE).exists():
+        run_suite(policy, name, trials=SUITE_TRIALS, seed=SEED, out=out)
+    kept = read_json(out / CELLS_FILE)
+    about = {part: kept[part] for part in ("suite", "version", "lengths", "trials", "seed")}
+    named = "trouble", "grade", "length", "possible"
+    cells = [
+        {part: cell[part] for part in named}
+        | {"success": cell["success"]["mean"]}
+        | {"interval": [cell["success"]["low"], cell["success"]["high"]]}
+        for cell in kept["cells"]
+    ]
+    return {**about, "cells": cells}
 
 
 def _card(

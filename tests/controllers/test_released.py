@@ -1,6 +1,7 @@
 """Policies that come with the package: found by name, listed, each with its model card."""
 
 import json
+import re
 
 import jax.random as jr
 import numpy as np
@@ -39,6 +40,20 @@ def test_a_released_policy_is_loaded_by_its_name(tiny, tmp_path, monkeypatch):
     np.testing.assert_array_equal(load("tiny").network.log_std, tiny.network.log_std)
     with pytest.raises(InputError, match=r"no such run folder or policy: tinny .* tiny"):
         load("tinny")
+
+
+def test_a_card_with_a_suite_shows_a_row_for_each_trouble_and_grade(tiny, tmp_path, capsys):
+    cells = [
+        {"trouble": trouble, "grade": grade, "length": length, "success": share / length}
+        for trouble, grade, share in (("still", "none", 4.0), ("dead", "hard", 1.0))
+        for length in (4, 16)
+    ]
+    about = {"suite": "sea", "version": 1, "lengths": [4, 16], "trials": 40, "seed": 2001}
+    (tmp_path / "tiny.json").write_text(json.dumps({**CARD, "suite": {**about, "cells": cells}}))
+    assert run(["models", "tiny"]) == 0
+    page = capsys.readouterr().out
+    assert "suite sea, version 1: success % of 40 episodes in each cell, seed 2001" in page
+    assert re.search(r"units +4 +16\n +still +100 +25\n +dead hard +25 +6\n?$", page)
 
 
 def test_models_lists_it_and_shows_its_card(tiny, tmp_path, capsys):
