@@ -11,10 +11,11 @@ from salpchain.checks import check_seed
 from salpchain.cli.options import Folder, Whole, World, number, text_option
 from salpchain.cli.settings import Sets, changed_world
 from salpchain.cli.streams import say
-from salpchain.controllers.named import check_live, check_there, is_name
+from salpchain.controllers.named import check_live, check_there, is_name, is_own
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
 from salpchain.installation import install_command
+from salpchain.starting import check_can_compute
 from salpchain.world.presets import world_config
 
 POLICY_FILE = "policy.safetensors"  # as in control.storage, which imports JAX
@@ -37,7 +38,8 @@ class Live:
     """
 
     policy: tyro.conf.Positional[Annotated[str, text_option("RUN_OR_POLICY")]] = ""
-    """A run folder, a policy.safetensors, or a name that `salpchain models` lists (but mpc).
+    """A run folder, a policy.safetensors, a name that `salpchain models` lists (but mpc), or a
+    controller of your own as module:Class.
     A name wins over a folder that is called so: write ./NAME for the folder.
     Default: any-length where it is released, else a run, else approach."""
     port: Whole = "8000"
@@ -71,6 +73,7 @@ def run(options: Live) -> None:
         raise InputError(
             f"the live page needs {error.name}: run {install_command('live')}"
         ) from None
+    check_can_compute()
     bound = server.listen(options.host, port)
     with bound:
         _say_where(options.host, bound.getsockname()[1])
@@ -90,7 +93,7 @@ def _origins(text: str) -> frozenset[str]:
 def _check_policy(policy: str) -> None:
     """Raise InputError unless such a policy can steer; before a port is taken or JAX imported."""
     check_live(policy)
-    if not policy or is_name(policy):
+    if not policy or is_name(policy) or is_own(policy):
         return
     check_there(policy)
     path = Path(policy)

@@ -51,7 +51,7 @@ def load(source: StrPath) -> "Controller":
     if isinstance(source, str) and source in WRITTEN:
         written = WRITTEN[source]
         return getattr(import_module(written.module), written.kind)()
-    if _is_own(source):
+    if is_own(source):
         return _own(str(source))
     if not isinstance(source, str | os.PathLike):
         raise InputError(f"load takes {_sources()}, got {told(source)}")
@@ -61,7 +61,7 @@ def load(source: StrPath) -> "Controller":
     return storage.load(source)
 
 
-def _is_own(source: object) -> bool:
+def is_own(source: object) -> bool:
     """Whether this is `module:Class` of a user's own, and no path to a file that is called so."""
     return is_path(source) and not Path(str(source)).exists()
 
@@ -145,7 +145,7 @@ def check_live(source: str) -> None:
 
 def check_there(source: StrPath) -> None:
     """Raise InputError unless this names a controller or is a path that exists."""
-    if not is_name(source) and not _is_own(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
+    if not is_name(source) and not is_own(source) and not os.path.exists(source):  # noqa: PTH110 - of a name too long, a path's own raises
         shown = source if str(source).strip() else repr(source)  # nothing would be seen of blanks
         raise InputError(
             f"no such run folder or policy: {shown} (a path, or one of {', '.join(names())})"

@@ -14,7 +14,6 @@ from salpchain.given import told, whole
 from salpchain.networks.actor_critic import ActorCritic
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import Graph, of_adjacency
-from salpchain.starting import check_can_compute
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.config import ACTION_SIZES, PLAYED_LIMIT, TaskConfig
@@ -168,7 +167,6 @@ class Policy(eqx.Module):
                 a length that it cannot steer; a graph that is none, of another size than the chain,
                 or for a policy that has none.
         """
-        check_can_compute()
         check_state(state, "act")
         if state.obs.shape[-1] != observation_size(self.card.observation):
             raise InputError(

@@ -131,13 +131,18 @@ def _checked(given: dict[str, Any], length: int) -> tuple[Poses, tuple[int, ...]
     missing = given.keys() - arrays.keys() - {"force"}
     if missing:
         raise InputError(f"{sorted(missing)[0]} must be an array of numbers, got None")
-    axes = arrays["angle"].shape[:-1]
+    axes = arrays["position"].shape[:-2]
+    if 0 in axes:
+        raise InputError(f"give one chain or more, got position of shape {(*axes, length, 2)}")
     arrays.setdefault("force", np.zeros((*axes, length, 2)))
     poses: Poses = {}
     for name, array in arrays.items():
         shape = (*axes, length, 2) if name in VECTORS else (*axes, length)
-        if array.shape != shape or 0 in shape:
-            raise InputError(f"{name} must have shape {_shape(name, length)}, got {array.shape}")
+        if array.shape != shape:
+            like = f" as that of position, {arrays['position'].shape}" if axes else ""
+            raise InputError(
+                f"{name} must have shape {_shape(name, length)}{like}, got {array.shape}"
+            )
         if not np.isfinite(array).all():
             unit = int(np.argwhere(~np.isfinite(array))[0][len(axes)])
             raise InputError(f"{name} of unit {unit} is not finite: send no thrust")

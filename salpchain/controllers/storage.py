@@ -72,7 +72,11 @@ def load(source: StrPath) -> Policy:
     if path.is_dir():
         path = path / POLICY_FILE
         if not path.exists():
-            raise InputError(f"{source} is not a run folder with a policy: it has no {POLICY_FILE}")
+            yet = " yet: it comes with a training's first checkpoint"
+            begun = yet if (path.parent / "config.json").exists() else ""
+            raise InputError(
+                f"{source} is not a run folder with a policy: it has no {POLICY_FILE}{begun}"
+            )
     check_can_compute()
     header, arrays = read_arrays(path, KIND, VERSION)
     card = _card(header, path)

@@ -66,9 +66,9 @@ def run_cells(
 ) -> pd.DataFrame:
     """A row of measures for each trial of each cell: trouble, grade and kind, then as `run_trials`.
 
-    Trial i of a cell swims in its world i modulo the number of its worlds, whose name is the kind.
-    `farthest_after`: how far (m, mean over units) it came off its target within `STAY_STEPS` after
-    it had reached it; NaN where it did not.
+    Trial i swims in world i modulo the number of the cell's worlds, whose name is the kind.
+    `farthest_after`: how far (m, mean over units) a chain that had reached its target came off it
+    within `STAY_STEPS`; NaN of others.
 
     Raises:
         InputError: a length or a time limit that cannot be, or that the controller cannot serve.
@@ -77,12 +77,11 @@ def run_cells(
     blocks = [block for group in _programs(cells, trials) for block in _blocks(group, length)]
     costs = [len(block.row) * block.worlds[0].dynamics.substeps for block in blocks]
     work = np.cumsum([0.0, *costs])
-    measured: dict[str, np.ndarray] = {}
+    measured, count = dict[str, np.ndarray](), len(cells) * trials
     for block, before, after in zip(blocks, work, work[1:], strict=False):
         tell = partial(_tell, progress, before / work[-1], after / work[-1])
         for name, values in _play(env, controller, block, length, seed, tell).items():
-            kept = measured.setdefault(name, np.zeros(len(cells) * trials, values.dtype))
-            kept[block.row] = values
+            measured.setdefault(name, np.zeros(count, values.dtype))[block.row] = values
     names = [list(cell.worlds) for cell in cells]
     about = {
         "trouble": np.repeat([cell.trouble for cell in cells], trials),

@@ -54,6 +54,8 @@ def _stepped(
     obstacles: Any,
 ) -> list[Array]:
     """What `step` changes, in the order of `_changing`; the batch last in every array."""
+    if not chain.present.size:  # a batch of none: nothing can touch
+        contact, obstacles = False, None
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)

@@ -5,12 +5,17 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from salpchain.checks import SHORTEST
 from salpchain.errors import InputError
 from salpchain.given import index, instance, told
 from salpchain.physics.state import Chain
+from salpchain.starting import check_can_compute
+from salpchain.tasks.state import State
+from salpchain.world.obstacles import check_clear
+from salpchain.world.world import World
 
 
 def check_key(key: Any, function: str = "reset") -> None:
@@ -71,7 +76,8 @@ def _check_shape(name: str, array: Any, shape: tuple[int, ...], slots: int) -> N
 
 
 def check_state(state: Any, function: str, slots: int | None = None) -> None:
-    """Raise InputError unless this is the state of one chain, of this many slots if given."""
+    """Raise InputError unless JAX can compute, and this is one chain's state, of so many slots."""
+    check_can_compute()
     shape = getattr(getattr(state, "obs", None), "shape", None)
     if shape is None or not isinstance(getattr(state, "chain", None), Chain):
         raise InputError(f"{function} takes a state, as env.reset gives it, got {told(state)}")
@@ -85,6 +91,17 @@ def check_state(state: Any, function: str, slots: int | None = None) -> None:
             f"{function} takes a state of {slots} slots, this environment's length, got one of"
             f" {shape[0]}: make both with the same length"
         )
+
+
+def checked_clear(state: State, world: World) -> State:
+    """The state of an episode that begins among obstacles of one's own.
+
+    Raises:
+        InputError: one of them is in the way of the chain, as far as its place is known now.
+    """
+    if world.obstacles is not None and not isinstance(state.chain.present, Tracer):
+        check_clear(state.chain, world.obstacles, world.dynamics)
+    return state
 
 
 def checked_action(

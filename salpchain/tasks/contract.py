@@ -4,8 +4,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from salpchain.errors import InputError
@@ -72,6 +74,113 @@ def checked_judgement(task: "Task", judged: Any) -> Judgement:
                 f"{judge} must give one number for {name}, got shape {jnp.shape(value)}"
             )
     return Judgement(dict(terms), jnp.asarray(ended, bool))
+
+
+def check_contract(task: "Task") -> None:
+    """Raise InputError unless all that the task gives is what it should; nothing is computed.
+
+    Raises:
+        InputError: a method that is missing, that raises, or that gives another kind of thing; the
+            message names it, and says what was expected.
+    """
+    from salpchain.tasks.task import Task
+
+    kind = type(task)
+    for method, what in NEEDED.items():
+        if getattr(kind, method) is getattr(Task, method):
+            raise InputError(f"{kind.__name__} has no {method}, {what}: docs/recipes/task.md")
+    key = jax.eval_shape(lambda: jax.random.key(0))
+    action = jax.ShapeDtypeStruct((task.config.length, task.action_size), jnp.result_type(float))
+    state = _traced(task, "reset", key)
+    _check_alike(task, "reset", state, _expected(task, state))
+    after = _traced(task, "step", state, action)
+    _check_alike(task, "step", after, state)
+    credit, length = _traced(task, "credit", state, after), task.config.length
+    if jnp.shape(credit) != (length,):
+        raise InputError(
+            f"{kind.__name__}.credit must give a number for each unit, of shape ({length},), got"
+            f" {told(credit)}"
+        )
+    _check_measures(task, _traced(task, "gauge", after))
+
+
+NEEDED = {
+    "weights": "how much each term of the reward counts",
+    "begin": "how an episode begins",
+    "judge": "what a step was worth",
+}
+
+
+def _traced(task: "Task", method: str, *given: Any) -> Any:
+    """What a method of the task gives, as shapes.
+
+    Raises:
+        InputError: what it raises, with its name.
+    """
+    try:
+        return jax.eval_shape(getattr(task, method), *given)
+    except InputError:
+        raise
+    except Exception as error:
+        raise InputError(f"{type(task).__name__}.{method} fails: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    said = " ".join(str(error).split())
+    return f"{type(error).__name__}: {said[:LONGEST]}{'...' if len(said) > LONGEST else ''}"
+
+
+LONGEST = 200  # characters of another's message (chosen)
+
+
+def _expected(task: "Task", state: Any) -> Any:
+    """A state of this task as it should be, where its shapes are known from the settings."""
+    if not isinstance(state, State):
+        raise InputError(f"{type(task).__name__}.reset must give a State, got {told(state)}")
+    length, float_ = task.config.length, jnp.result_type(float)
+    seen = jax.ShapeDtypeStruct((length, task.observation_size), float_)
+    one, points = (jax.ShapeDtypeStruct(shape, float_) for shape in ((), (length, 2)))
+    return eqx.tree_at(lambda s: (s.obs, s.target, s.reward), state, (seen, points, one))
+
+
+def _check_alike(task: "Task", method: str, given: Any, wanted: State) -> None:
+    """Raise InputError unless a state has the shapes and types of another."""
+    named = f"{type(task).__name__}.{method}"
+    if not isinstance(given, State):
+        raise InputError(f"{named} must give a State, got {told(given)}")
+    for (path, one), (_, other) in zip(_leaves(given), _leaves(wanted), strict=False):
+        mine, right = (f"{x.dtype}{list(x.shape)}" for x in (one, other))
+        if mine != right:
+            raise InputError(f"{named} must give {path[1:]} as {right}, got {mine}")
+    if jax.tree.structure(given) != jax.tree.structure(wanted):
+        raise InputError(f"{named} must give a State with the same parts as reset's")
+
+
+def _leaves(state: State) -> list[tuple[str, Any]]:
+    return [
+        (jax.tree_util.keystr(path), leaf)
+        for path, leaf in jax.tree_util.tree_flatten_with_path(state)[0]
+        if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+    ]
+
+
+def _check_measures(task: "Task", gauged: Any) -> None:
+    """Raise InputError unless `gauge` gives numbers by name, and `measure` numbers of those."""
+    gauge, measure = (f"{type(task).__name__}.{name}" for name in ("gauge", "measure"))
+    if not isinstance(gauged, Mapping):
+        raise InputError(f"{gauge} must give a dict of numbers by name, got {told(gauged)}")
+    for name, value in gauged.items():
+        if jnp.shape(value) != ():
+            raise InputError(
+                f"{gauge} must give one number for {name}, got shape {jnp.shape(value)}"
+            )
+    series = {name: np.zeros(3, np.float32) for name in gauged}
+    try:
+        found = task.measure(series) if series else {}
+    except Exception as error:
+        raise InputError(f"{measure} fails: {_one_line(error)}") from error
+    if not isinstance(found, Mapping) or not all(np.shape(x) == () for x in found.values()):
+        raise InputError(f"{measure} must give a dict of numbers by name, got {told(found)}")
 
 
 @contextmanager

@@ -4,6 +4,7 @@ Imports nothing heavy until a task itself is asked for.
 """
 
 from dataclasses import MISSING, fields
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
@@ -89,12 +90,24 @@ def make_task(config: "TaskConfig", world: "WorldLike" = None) -> "Task":
     """The task that these settings name, in a world (see `Task`).
 
     Raises:
-        InputError: no settings, no such task, or another kind of world.
+        InputError: no settings, no such task, another kind of world, or a task of one's own whose
+            methods do not give what they should.
     """
     from salpchain.tasks.config import TaskConfig
 
     instance("config", config, TaskConfig, "a TaskConfig, such as card.task(length)")
-    return task_class(config.name)(config, world)
+    task = task_class(config.name)(config, world)
+    if config.name not in TASKS:
+        _check_once(type(task), config)
+    return task
+
+
+@cache
+def _check_once(kind: "type[Task]", config: "TaskConfig") -> None:
+    """Raise InputError unless a task of a user's own keeps its contract; in still water."""
+    from salpchain.tasks.contract import check_contract
+
+    check_contract(kind(config))
 
 
 def name_of(task: "str | type[Task]") -> str:

@@ -27,6 +27,7 @@ from salpchain.tasks.checks import (
     check_number,
     check_state,
     checked_action,
+    checked_clear,
     checked_vectors,
 )
 from salpchain.tasks.config import (
@@ -151,14 +152,14 @@ class Task(eqx.Module):
 
         Raises:
             InputError: no random key, or more than one; a length that is no whole number or has no
-                room.
+                room; outside `jax.jit`, a wall or a post of the world in the way of the chain.
         """
         check_can_compute()
         slots = self.config.length
         length = slots if length is None else length
         check_key(key)
         check_number(length, slots)
-        return _in_one_program(Task._reset, self, key, length)
+        return checked_clear(_in_one_program(Task._reset, self, key, length), self.world)
 
     def _reset(self, key: PRNGKeyArray, length: int | Array) -> State:
         draw_key, next_key = jr.split(key)
@@ -183,13 +184,13 @@ class Task(eqx.Module):
         """A new episode from a chain and a target of one's own.
 
         Raises:
-            InputError: a chain or a target with other slots than `config.length`.
+            InputError: a chain or a target with other slots than `config.length`; as `reset`.
         """
         check_can_compute()
         check_chain(chain, self.config.length)
         target = checked_vectors("the target", target, like=chain.units.position)
         check_key(key, "start")
-        return _in_one_program(Task._begun, self, chain, target, key)
+        return checked_clear(_in_one_program(Task._begun, self, chain, target, key), self.world)
 
     def _begun(self, chain: Chain, target: Array, key: PRNGKeyArray) -> State:
         world = self._draw_world(key, chain.present.sum())
@@ -234,7 +235,6 @@ class Task(eqx.Module):
         Raises:
             InputError: a state of many chains or of other slots, or an action of another shape.
         """
-        check_can_compute()
         check_state(state, "step", self.config.length)
         action = checked_action(action, self._action_shape, state.chain.units.angle)
         return _in_one_program(Task._step, self, state, action)

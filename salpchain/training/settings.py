@@ -69,6 +69,9 @@ def check_path(path: str, task: str = TaskConfig.name) -> None:
     known_paths = settings_of(task)
     if path in known_paths:
         return
+    within = [known for known in known_paths if known.startswith(f"{path}.")]
+    if within:
+        raise InputError(f"{path} has several settings: {', '.join(within)}")
     last = {known.rpartition(".")[2]: known for known in known_paths}  # prefixes are not near
     near = difflib.get_close_matches(path.rpartition(".")[2].lower(), last, n=1)
     said = f"perhaps {last[near[0]]}" if near else "docs/settings.md lists all that there are"

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from salpchain.devices import device_name, mesh_of, use_devices
+from salpchain.devices import device_name, mesh_of
 from salpchain.files import StrPath, alone, read_json
 from salpchain.given import function, functions, path, seconds
 from salpchain.switches import own_mesh
@@ -34,7 +34,6 @@ from salpchain.training.learner import (
 from salpchain.training.metrics import evaluated, without_gaps
 from salpchain.training.run_log import RunLog
 from salpchain.training.settings import elsewhere
-from salpchain.training.start import policy_to_start
 from salpchain.world.config import WorldConfig
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
@@ -78,14 +77,12 @@ def train(
     config = elsewhere(config, task, world)
     run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     run_folder.check_free(run)
-    use_devices(devices)  # refused, if at all, before anything is written
-    policy_to_start(config)  # likewise
+    session = Session([config], [run], divided_over(config, devices), listeners, save_every)
+    listeners.stage(COMPILING)
+    learner = new_state(config, session.env)  # refused, if at all, before anything is written
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
-        devices = _create(config, run, devices)
-        session = Session([config], [run], devices, listeners, save_every)
-        listeners.stage(COMPILING)
-        learner = new_state(config, session.env)
+        _create(config, run, devices)
         save_checkpoint(learner, run)
         return _continue(session, [learner])[0]
 

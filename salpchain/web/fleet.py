@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from salpchain.controllers import named
-from salpchain.controllers.named import WRITTEN, check_live, check_there, is_name
+from salpchain.controllers.named import WRITTEN, check_live, check_there, is_name, is_own
 from salpchain.controllers.policy import Controller
 from salpchain.controllers.released import released
 from salpchain.controllers.storage import POLICY_FILE, load
@@ -34,6 +34,9 @@ class Fleet:
         if is_name(chosen):
             check_live(chosen)
             self.first = chosen
+        elif is_own(chosen):
+            self._loaded[chosen] = named.load(chosen)
+            self.first = chosen
         elif chosen:
             self._add(chosen)
 
@@ -51,7 +54,8 @@ class Fleet:
     @property
     def names(self) -> list[str]:
         """All policies, the one that steers first in front."""
-        others = [name for name in (*self._paths, *QUICK) if name != self.first]
+        every = dict.fromkeys((*self._paths, *self._loaded, *QUICK))
+        others = [name for name in every if name != self.first]
         return [self.first, *others][:MOST]
 
     def load(self, name: str) -> Controller:

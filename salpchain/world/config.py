@@ -17,8 +17,13 @@ RADII, PIECES, ANGLES = Range(0.03, 0.08), Range(0.3, 0.6), Range(0.0, 1.5)
 ALONG, ASIDE = Range(0.1, 0.9), Range(0.0, 0.6)
 
 
-def _check(config: Any, name: str, low: float = 0.0, high: float = float("inf")) -> None:
-    """Make a field a range, and raise InputError unless it lies between these bounds."""
+def _check(
+    config: Any, name: str, low: float = 0.0, high: float = float("inf"), steps: bool = False
+) -> None:
+    """Make a field a range, and raise InputError unless it lies between these bounds.
+
+    Of `steps`, both ends must be whole numbers.
+    """
     try:
         given = as_range(getattr(config, name))
     except InputError as error:
@@ -26,6 +31,8 @@ def _check(config: Any, name: str, low: float = 0.0, high: float = float("inf"))
     if not low <= given.low <= given.high <= high:
         bounds = f"lie in {low:g} to {high:g}" if isfinite(high) else f"be {low:g} or more"
         raise InputError(f"{config.ROOM}.{name} must {bounds}, got {given}")
+    if steps and not all(float(end).is_integer() for end in given):
+        raise InputError(f"{config.ROOM}.{name} must be whole control steps, got {given}")
     object.__setattr__(config, name, given)
 
 
@@ -123,10 +130,10 @@ class SensingConfig:
         for name in ("dropped", "stuck"):
             _check(self, name, 0.0, 1.0)
         for name in ("dropped_steps", "stuck_steps"):
-            _check(self, name, 1.0, 1e6)
+            _check(self, name, 1.0, 1e6, steps=True)
         for name in ("delay", "action_delay"):
-            _check(self, name, 0.0, MOST_DELAY)
-        _check(self, "repeat", 1.0, MOST_DELAY)
+            _check(self, name, 0.0, MOST_DELAY, steps=True)
+        _check(self, "repeat", 1.0, MOST_DELAY, steps=True)
 
 
 MOST_DELAY = 20.0  # control steps (chosen)

@@ -90,6 +90,11 @@ def test_poses_that_cannot_be_used_are_refused(which, wrong, says):
 
 
 def test_what_cannot_be_steered_by_poses_is_refused():
+    greedy = salpchain.steering(salpchain.Greedy(), 3)
+    with pytest.raises(InputError, match=r"angle must have shape \(..., 3\) as that of position, "):
+        greedy(*(np.zeros(shape) for shape in ((2, 3, 2), (3,), (2, 3, 2), (2, 3), (2, 3, 2))))
+    with pytest.raises(InputError, match=r"give one chain or more, got position of shape \(0, 3"):
+        greedy(*(np.zeros(shape) for shape in ((0, 3, 2), (0, 3), (0, 3, 2), (0, 3), (0, 3, 2))))
     with pytest.raises(InputError, match="mpc plans on the simulation"):
         salpchain.steering(salpchain.MPC(), 4)
     with pytest.raises(InputError, match=r"body\*2, several control steps at once: poses"):
