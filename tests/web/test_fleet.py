@@ -48,6 +48,16 @@ def test_a_fleet_lists_runs_and_loads_nothing_else(runs, tmp_path):
         Fleet("mpc")
 
 
+def test_a_controller_of_ones_own_steers_and_is_listed():
+    fleet = Fleet("tests.own:Spin")
+    assert fleet.first == fleet.names[0] == "tests.own:Spin"
+    assert fleet.load("tests.own:Spin").card.name == "spin"
+    with pytest.raises(InputError, match="no policy 'tests.own:Hover'"):
+        fleet.load("tests.own:Hover")
+    with pytest.raises(InputError, match="cannot be loaded"):
+        Fleet("tests.gone:Spin")
+
+
 def test_a_name_steers_whatever_folder_is_called_so(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     card = PolicyCard(name="own")
