@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from salpchain import given
 from salpchain.errors import InputError
@@ -74,8 +75,9 @@ def _draw_learning(panel: Axes, groups: dict[str, list[Path]], measure: str, win
         logs = [_read_log(run) for run in runs]
         _draw_curve(panel, look, name, over_seeds(logs, measure, window))
     if not any(len(np.asarray(line.get_xdata())) for line in panel.get_lines()):
-        panel.text(0.5, 0.5, TOO_EARLY, transform=panel.transAxes, ha="center", color=GREY)
+        panel.text(0.5, 0.02, TOO_EARLY, transform=panel.transAxes, ha="center", color=GREY)
     draw_evaluations(panel, list(groups.values()), measure)
+    panel.xaxis.set_major_locator(MaxNLocator(6))
     panel.set_xlabel("million chain-steps")
     panel.set_xlim(left=0)
 

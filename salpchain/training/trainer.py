@@ -34,6 +34,7 @@ from salpchain.training.learner import (
 from salpchain.training.metrics import evaluated, without_gaps
 from salpchain.training.run_log import RunLog
 from salpchain.training.settings import elsewhere
+from salpchain.training.start import policy_to_start
 from salpchain.world.config import WorldConfig
 
 SAVE_EVERY = 20.0  # s between checkpoints (chosen)
@@ -78,11 +79,13 @@ def train(
     run, listeners = _checked(run, save_every), Listeners.checked(on_iteration, on_stage)
     run_folder.check_free(run)
     session = Session([config], [run], divided_over(config, devices), listeners, save_every)
-    listeners.stage(COMPILING)
-    learner = new_state(config, session.env)  # refused, if at all, before anything is written
+    policy_to_start(config)  # refused, if at all, before anything is written
+    jax.eval_shape(partial(fresh_state, config, session.env))  # likewise
     run.mkdir(parents=True, exist_ok=True)
     with alone(run):  # from before its settings are written: of two, one has the folder
         _create(config, run, devices)
+        listeners.stage(COMPILING)
+        learner = new_state(config, session.env)
         save_checkpoint(learner, run)
         return _continue(session, [learner])[0]
 

@@ -159,7 +159,10 @@ BAD = [
     (["--set", "ppo.learnin_rate=1"], "unknown setting 'ppo.learnin_rate': perhaps ppo.learning_r"),
     (["--set", "learning_rate=1"], "perhaps ppo.learning_rate"),
     (["--set", "PPO.Gamma=1"], "perhaps ppo.gamma"),
-    (["--set", "world.current=0.1"], "world.current has several settings: world.current.speed, wor"),
+    (
+        ["--set", "world.current=0.1"],
+        "world.current has several settings: world.current.speed, w",
+    ),
     (["--set", "world.sensing.delay=1.5"], "world.sensing.delay must be whole control steps, got"),
     (["--set", "ppo.gamma"], "--set must be like ppo.learning_rate=1e-3, got 'ppo.gamma'"),
     (["--set", "ppo.envs="], "ppo.envs must be a whole number, got ''"),
