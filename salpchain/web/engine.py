@@ -15,7 +15,7 @@ from salpchain.physics.state import Physics
 from salpchain.report.recorded import Recording
 from salpchain.web import messages
 from salpchain.web.fleet import SPARE, Fleet
-from salpchain.web.pool import SLOTS, Pool
+from salpchain.web.pool import SLOTS, Pool, slots_for
 from salpchain.web.recorder import LONGEST, MOST_PARTS, Recordings
 from salpchain.web.swimmer import LINK, Swimmer
 from salpchain.web.troubles import TROUBLES, check_troubles
@@ -192,14 +192,18 @@ class Engine:
     async def _roughen(self, names: frozenset[str], grade: str, controller: Controller) -> None:
         """The first troubles: from then on, what swims is another program."""
         try:
-            one = self.world.swimmers[0]
+            one, now = self.world.swimmers[0], slots_for(self.world.num_units)
             rough = await asyncio.to_thread(self.world.tank.rough_world, one)
-            for slots in SLOTS:
-                await asyncio.to_thread(self.pool.prepare, controller, slots, rough)
+            await asyncio.to_thread(self.pool.prepare, controller, now, rough)
             self.world.pour(names, grade)
+        except InputError as error:
+            self._complain(str(error))
+            return
         finally:
             self.roughening = False
-        self.show()
+            self.show()
+        for slots in SLOTS:
+            await asyncio.to_thread(self.pool.prepare, controller, slots, rough)
 
     def _start(self, work: Any) -> None:
         """Runs in the background; kept, as the event loop keeps no task alive."""
