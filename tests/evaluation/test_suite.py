@@ -96,6 +96,7 @@ class Drifter(Greedy):
         return jnp.zeros((len(state.thrust), 1))
 
 
+@pytest.mark.slow
 def test_a_chain_that_does_nothing_after_it_arrived_is_carried_off_by_the_water():
     """It has arrived at once where the goal is wide; then it gains the water's speed U and goes on:
     after k steps it has come U dt (k - 3 (1 - 0.75^k)) far, as each step takes a quarter of what
