@@ -73,7 +73,8 @@ def checked_judgement(task: "Task", judged: Any) -> Judgement:
             raise InputError(
                 f"{judge} must give one number for {name}, got shape {jnp.shape(value)}"
             )
-    return Judgement(dict(terms), jnp.asarray(ended, bool))
+    numbers = {name: jnp.asarray(value, float) for name, value in terms.items()}
+    return Judgement(numbers, jnp.asarray(ended, bool))
 
 
 def check_contract(task: "Task") -> None:

@@ -171,16 +171,21 @@ class Engine:
         """Lets another policy steer, as soon as it is read and compiled."""
         if name not in self.fleet.names:
             raise InputError("there is no such policy: choose one of the list")
-        if self.loading:
-            raise InputError(f"{self.loading} is being loaded: wait a moment")
+        self._check_idle()
         self.loading = name
         self._start(self._change_policy(name))
+
+    def _check_idle(self) -> None:
+        """Raise InputError while a program is compiled for another controller or other water."""
+        if self.loading:
+            raise InputError(f"{self.loading} is being loaded: wait a moment")
+        if self.roughening:
+            raise InputError("rough water is being made: wait a moment")
 
     def trouble(self, names: list[str], grade: str) -> None:
         """Puts the chains in troubles, as soon as the program for them is compiled."""
         meant = check_troubles(names, grade)
-        if self.roughening:
-            raise InputError("rough water is being made: wait a moment")
+        self._check_idle()
         if self._controller is None:
             raise InputError("the policy is being loaded: wait a moment")
         if self.world.tank.is_rough:

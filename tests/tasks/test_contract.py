@@ -162,6 +162,19 @@ class Divided(Hover):
         return {"share": 1 // 0}
 
 
+class Counting(Hover):
+    """A task whose term is whether something is so, and which says in Python that it goes on."""
+
+    def judge(self, before, after):
+        return Judgement({"near": after.distances.mean < 0.05}, False)
+
+
+def test_a_term_may_be_a_whole_number_or_whether_something_is_so():
+    env = make_task(HoverConfig(2, contact=False, name=f"{__name__}:Counting"))
+    state = env.step(env.reset(jax.random.key(0)), jnp.zeros((2, 1)))
+    assert state.terms["near"] == state.reward == 1.0 and state.reward.dtype == jnp.float32
+
+
 WHOLE = {
     Weightless: "Weightless has no weights, how much each term of the reward counts: docs/",
     Endless: "Endless has no judge, what a step was worth: docs/recipes/task.md",
