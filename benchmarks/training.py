@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarks.run import add_options, begun
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.evaluation.evaluate import evaluate

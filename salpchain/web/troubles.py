@@ -47,10 +47,11 @@ def worlds(base: WorldConfig) -> tuple[WorldConfig, ...]:
     """The world before anything is poured on it, and with every trouble in each grade.
 
     One that spares an episode some of its settings, as `sea` does, is still water here: what there
-    is of it, the troubles decide.
+    is of it, the troubles decide. Jets that push one way in a share of the episodes always do so.
     """
     if base.spared.most > 0:
         base = replace(WorldConfig(), obstacles=base.obstacles)
+    base = replace(base, thrusters=replace(base.thrusters, one_sided_share=1.0))
     every = [merged(base, _changes(grade).values()) for grade in range(len(GRADES))]
     return base, *every
 

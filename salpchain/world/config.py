@@ -7,6 +7,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from math import isfinite
 from typing import Any
 
+from salpchain.checks import is_number
 from salpchain.errors import InputError
 from salpchain.given import instance, told
 from salpchain.ranges import Range, as_range
@@ -94,6 +95,7 @@ class ThrusterConfig:
     gain: Range = ONE  # of each unit by itself
     lag: Range = NONE  # s, time constant of a first-order response
     one_sided: bool = False  # jets that push along the unit's heading only
+    one_sided_share: float = 1.0  # of the episodes that have them; `spared` leaves those under 1
 
     def __post_init__(self) -> None:
         _check(self, "dead", 0.0, 1.0)
@@ -103,6 +105,11 @@ class ThrusterConfig:
         if not isinstance(self.one_sided, bool):
             raise InputError(
                 f"world.thrusters.one_sided must be true or false, got {told(self.one_sided)}"
+            )
+        if not (is_number(self.one_sided_share) and 0 <= self.one_sided_share <= 1):
+            raise InputError(
+                "world.thrusters.one_sided_share must be a share of the episodes, 0 to 1, got"
+                f" {told(self.one_sided_share)}"
             )
 
 

@@ -30,6 +30,7 @@ from salpchain.world.thrusters import Thrusters
 from salpchain.world.world import World
 
 SPARED_STREAM = 8  # makes what an episode is spared independent of what it is not
+ONE_SIDED_STREAM = 9  # and whether its jets push one way independent of the rest
 NEVER = jnp.iinfo(jnp.int32).max  # the control step from which a thruster that never fails is dead
 
 
@@ -73,7 +74,11 @@ def _sparing(config: WorldConfig, key: PRNGKeyArray, ease: Scalar | None) -> Wor
 
     kept = {name: getattr(config, name) for name in ("name", "obstacles", "spared")}
     dynamics = DynamicsConfig(substeps=config.dynamics.substeps)
-    return chosen((config, WorldConfig(dynamics=dynamics, **kept)), which)
+    jets = config.thrusters if config.thrusters.one_sided_share < 1 else ThrusterConfig()
+    thrusters = ThrusterConfig(
+        one_sided=jets.one_sided, one_sided_share=config.thrusters.one_sided_share
+    )
+    return chosen((config, WorldConfig(dynamics=dynamics, thrusters=thrusters, **kept)), which)
 
 
 def with_obstacles(
@@ -200,6 +205,9 @@ def _thrusters(
     if _is_plain(config):
         return None
     order, dead, failing, when, gain, lag = jr.split(key, 6)
+    one_sided = config.one_sided
+    if one_sided and config.one_sided_share < 1:
+        one_sided = jr.bernoulli(jr.fold_in(key, ONE_SIDED_STREAM), config.one_sided_share)
     rank = _ranks(order, slots, length)
     gains = jr.uniform(gain, (slots,), minval=config.gain.low, maxval=config.gain.high)
     num_dead = jnp.round(_drawn(dead, config.dead) * length)
@@ -214,7 +222,7 @@ def _thrusters(
         gain=gains,
         fails_at=fails_at,
         lag=_drawn(lag, config.lag) if config.lag.most > 0 else None,
-        one_sided=config.one_sided,
+        one_sided=one_sided,
     )
 
 

@@ -102,6 +102,16 @@ def test_a_spared_range_gives_episodes_of_one_trouble_and_of_all():
     np.testing.assert_allclose(shares, 0.2, atol=0.04)  # any number of four as often
 
 
+@pytest.mark.parametrize("spared", [0.0, 0.9])
+def test_one_sided_jets_may_have_a_share_of_the_episodes_that_nothing_is_spared(spared):
+    jets = ThrusterConfig(dead=Range(0.5, 0.5), one_sided=True, one_sided_share=0.3)
+    world = WorldConfig(thrusters=jets, spared=Range(spared, spared))
+    draw = jax.jit(jax.vmap(lambda key: eqx.filter(draw_world(world, key, 4, 4, 9), eqx.is_array)))
+    drawn = draw(jr.split(jr.key(2), 3000)).thrusters
+    shares = np.mean(drawn.one_sided), np.mean((drawn.gain == 0).any(axis=1))
+    np.testing.assert_allclose(shares, (0.3, 1 - spared), atol=0.03)
+
+
 def test_a_world_that_is_spared_nothing_is_what_it_was_and_sea_is_spared_some():
     assert not SPARED.is_still and WorldConfig(spared=Range(0.0, 1.0)).is_still
     assert world_config("sea").spared == Range(0.0, 1.0)
