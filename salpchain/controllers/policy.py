@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from salpchain.checks import check_kinds, check_length, one_of, set_field
@@ -14,6 +15,7 @@ from salpchain.given import told, whole
 from salpchain.networks.actor_critic import ActorCritic
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import Graph, of_adjacency
+from salpchain.networks.layers import WIDTH
 from salpchain.switches import refused_if_sharded, standard_promotion
 from salpchain.tasks.checks import check_state
 from salpchain.tasks.config import ACTION_SIZES, PLAYED_LIMIT, TaskConfig
@@ -167,17 +169,21 @@ class Policy(eqx.Module):
                 a length that it cannot steer; a graph that is none, of another size than the chain,
                 or for a policy that has none.
         """
-        check_state(state, "act")
+        self._check(state, "act")
+        chain = state.chain
+        own = None if graph is None else self._graph(graph, slots=chain.present.shape[0])
+        with refused_if_sharded("act"):
+            return self.network.act(state.obs, chain.present, chain.joined, own)
+
+    def _check(self, state: State, what: str) -> None:
+        """Raise InputError unless it is the state of a chain that the policy can steer."""
+        check_state(state, what)
         if state.obs.shape[-1] != observation_size(self.card.observation):
             raise InputError(
                 f"{self.card.name} observes {self.card.observation}, the state has"
                 f" {state.obs.shape[-1]} numbers for each unit: make it with card.task(length)"
             )
-        chain = state.chain
         self.card.check_serves(state.obs.shape[0])
-        own = None if graph is None else self._graph(graph, slots=chain.present.shape[0])
-        with refused_if_sharded("act"):
-            return self.network.act(state.obs, chain.present, chain.joined, own)
 
     def _graph(self, graph: Graph | ArrayLike | Sequence, slots: int) -> Graph:
         """The graph, if it is one for this policy and this many slots."""
@@ -187,3 +193,33 @@ class Policy(eqx.Module):
         if own.nodes != slots:
             raise InputError(f"the graph has {own.nodes} nodes, the chain {slots} slots")
         return own
+
+
+class RecurrentPolicy(Policy):
+    """A learned controller whose units remember; `act` alone is its first step of an episode."""
+
+    network: Any
+
+    def begin(self, state: State) -> Float[Array, "unit 128"]:
+        """What the units remember before the first step: nothing."""
+        self._check(state, "begin")
+        return jnp.zeros((state.obs.shape[0], WIDTH), state.obs.dtype)
+
+    @standard_promotion
+    def plan(
+        self, state: State, memory: Float[Array, "unit 128"]
+    ) -> tuple[Float[Array, "unit act"], Float[Array, "unit 128"]]:
+        """Mean actions, and what the units remember after this step.
+
+        Raises:
+            InputError: as `act`.
+        """
+        self._check(state, "plan")
+        chain = state.chain
+        with refused_if_sharded("plan"):
+            return self.network.plan(state.obs, chain.present, chain.joined, memory)
+
+
+def as_policy(network: ActorCritic, card: PolicyCard) -> Policy:
+    """The controller that this network makes."""
+    return (RecurrentPolicy if card.control.memory else Policy)(network, card)

@@ -103,8 +103,8 @@ def steering(controller: Controller | StrPath, length: int) -> Steering:
     controller = named.controller(controller)
     if isinstance(controller, Planner):
         raise InputError(
-            f"{controller.card.name} plans on the simulation and remembers: it cannot be steered"
-            " by poses; take a policy, greedy or approach"
+            f"{controller.card.name} remembers, or plans on the simulation: it cannot be steered"
+            " by poses; take a policy that remembers nothing, greedy or approach"
         )
     observation = controller.card.observation
     if readings(observation)[1] > 1:

@@ -10,7 +10,7 @@ import numpy as np
 
 from salpchain.controllers.identity import identity_of_weights
 from salpchain.controllers.named import WRITTEN
-from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy, PolicyCard, as_policy
 from salpchain.controllers.released import released
 from salpchain.errors import InputError
 from salpchain.files import StrPath, read_arrays, write_arrays
@@ -81,7 +81,7 @@ def load(source: StrPath) -> Policy:
     header, arrays = read_arrays(path, KIND, VERSION)
     card = _card(header, path)
     network = from_arrays(network_shapes(card), arrays, str(path), cast=True)
-    return Policy(network, card)
+    return as_policy(network, card)
 
 
 def _meant() -> str:

@@ -53,6 +53,11 @@ def _check_known(policy: Policy) -> None:
             f"only the models {', '.join(MODELS)} can be exported, {card.name} is one of your own,"
             f" {card.control.model}"
         )
+    if card.control.memory:
+        raise InputError(
+            f"only policies that remember nothing can be exported, the units of {card.name} have"
+            " memory"
+        )
     if card.control.graph not in GRAPHS:
         raise InputError(
             f"only the graphs {', '.join(GRAPHS)} can be exported, {card.name} has the graph"

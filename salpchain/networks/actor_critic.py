@@ -12,7 +12,7 @@ from salpchain.errors import InputError
 from salpchain.given import told
 from salpchain.networks.config import MODELS, SINGLE_LENGTH, ControlConfig
 from salpchain.networks.graph import GRAPHS, Graph
-from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, head
+from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, Recall, head, recall
 from salpchain.networks.mlp import mlp
 from salpchain.plugins import find
 from salpchain.tasks.config import ACTION_SIZES
@@ -23,6 +23,7 @@ Known = Float[Array, "unit known"]  # what a critic of its own observes
 Present = Bool[Array, " unit"]  # which slots hold a unit
 Joined = Bool[Array, " link"]  # which links act
 Action = Float[Array, "unit act"]
+Memory = Float[Array, "unit 128"]  # what each unit remembers
 
 START_LOG_STD = -0.5  # of every action
 
@@ -84,6 +85,11 @@ class ActorCritic(Protocol):
         """The observation that its critic needs besides; none if it needs none."""
         ...
 
+    @property
+    def recall(self) -> Any:
+        """What its units remember with; None if they do not."""
+        ...
+
     def __call__(
         self,
         obs: Observation,
@@ -116,6 +122,7 @@ class GraphActorCritic(eqx.Module):
     graph: str = eqx.field(static=True)
     critic_trunk: Trunk | None = None
     critic_observes: str = eqx.field(default="", static=True)
+    recall: Recall | None = None
 
     def __call__(
         self,
@@ -129,25 +136,53 @@ class GraphActorCritic(eqx.Module):
 
         `known` is what the critic observes, where it has a trunk of its own.
         """
-        features = self.features(obs, present, joined, graph)
+        return self.remember(obs, present, joined, None, graph, known)[:2]
+
+    def remember(
+        self,
+        obs: Observation,
+        present: Present,
+        joined: Joined,
+        memory: Memory | None,
+        graph: Graph | None = None,
+        known: Known | None = None,
+    ) -> tuple[Action, Float[Array, ""], Memory | None]:
+        """As when called, with what the units remember; and their memory after this step."""
+        graph = graph or GRAPHS[self.graph](present, joined)
+        features, after = self._features(obs, graph, memory)
         judged = features
         if self.critic_trunk is not None:
             assert known is not None
-            graph = graph or GRAPHS[self.graph](present, joined)
             judged = _on_graph(self.critic_trunk, known, graph)
-        return self.actor(features), self.value(judged, present)
+        return self.actor(features), self.value(judged, present), after
 
     def act(
         self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
     ) -> Action:
         """Mean action of each unit alone: what the deterministic policy does."""
-        return self.actor(self.features(obs, present, joined, graph))
+        return self.plan(obs, present, joined, None, graph)[0]
 
-    def features(
-        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
-    ) -> Float[Array, "unit 128"]:
-        """What the trunk makes of the observations."""
-        return _on_graph(self.trunk, obs, graph or GRAPHS[self.graph](present, joined))
+    def plan(
+        self,
+        obs: Observation,
+        present: Present,
+        joined: Joined,
+        memory: Memory | None,
+        graph: Graph | None = None,
+    ) -> tuple[Action, Memory | None]:
+        """As `act`, with what the units remember; and their memory after this step."""
+        graph = graph or GRAPHS[self.graph](present, joined)
+        features, after = self._features(obs, graph, memory)
+        return self.actor(features), after
+
+    def _features(
+        self, obs: Observation, graph: Graph, memory: Memory | None
+    ) -> tuple[Float[Array, "unit 128"], Memory | None]:
+        """What trunk and memory make of the observations; None where nothing is remembered."""
+        features = _on_graph(self.trunk, obs, graph)
+        if self.recall is None:
+            return features, None
+        return self.recall(features, jnp.zeros_like(features) if memory is None else memory)
 
     def value(self, features: Float[Array, "unit 128"], present: Present) -> Float[Array, ""]:
         """Value of the units' features, pooled by learned attention over the present units."""
@@ -182,6 +217,7 @@ def actor_critic(
         graph=config.graph,
         critic_trunk=own,
         critic_observes=config.critic,
+        recall=recall(jr.fold_in(trunk_key, 2)) if config.memory else None,
     )
 
 

@@ -36,7 +36,7 @@ class ControlConfig:
     Raises:
         InputError: an unknown model, graph or observation of the critic; the message lists the
             known ones. `improved` for another model than gcn. A depth out of range, or of a model
-            without graph layers; a critic's trunk of its own for one without a trunk.
+            without graph layers; a critic's trunk of its own, or memory, for one without a trunk.
     """
 
     model: str = "gcn"  # one of `MODELS`, or a trunk of one's own as module:Class
@@ -47,6 +47,7 @@ class ControlConfig:
     # What a critic with a trunk of its own observes, of how things are and not as they are sensed
     # (asymmetric actor and critic, Pinto et al. 2018); none: the actor's trunk (the paper's).
     critic: str = ""
+    memory: bool = False  # each unit remembers: a gated recurrent cell after the graph layers
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -54,6 +55,8 @@ class ControlConfig:
         _check_graph(self.graph)
         if self.critic:
             _check_critic(self.critic, self.model)
+        if self.memory and self.model in SINGLE_LENGTH:
+            raise InputError(f"memory is of units on a graph: an {self.model} has none")
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")
         if not PAPER_DEPTH <= self.depth <= DEEPEST:

@@ -149,6 +149,29 @@ class Head(eqx.Module):
         return self.layers[-1](x)
 
 
+class Recall(eqx.Module):
+    """What a unit remembers: a gated recurrent cell (Cho et al. 2014) on its features.
+
+    What it recalls is added to the features; at first that is nothing.
+    """
+
+    cell: eqx.nn.GRUCell
+    recalled: Linear
+
+    def __call__(
+        self, features: Float[Array, "unit 128"], memory: Float[Array, "unit 128"]
+    ) -> tuple[Float[Array, "unit 128"], Float[Array, "unit 128"]]:
+        """The features with what is recalled, and the memory after this step."""
+        after = jax.vmap(self.cell)(features, memory)
+        return features + self.recalled(after), after
+
+
+def recall(key: PRNGKeyArray) -> Recall:
+    """A cell with Equinox's fresh weights."""
+    cell = eqx.nn.GRUCell(WIDTH, WIDTH, key=key)
+    return Recall(cell, Linear(jnp.zeros((WIDTH, WIDTH)), jnp.zeros(WIDTH)))
+
+
 def linear(key: PRNGKeyArray, inputs: int, outputs: int, gain: float = 1.0) -> Linear:
     """Weights and biases uniform within 1 / sqrt(inputs), torch's default, times the gain."""
     weight_key, bias_key = jr.split(key)

@@ -19,6 +19,7 @@ class MLP(eqx.Module):
     critic: Head
     log_std: Float[Array, "*slots act"]
     critic_observes: str = eqx.field(default="", static=True)
+    recall: None = None
 
     def __call__(
         self,

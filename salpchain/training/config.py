@@ -153,6 +153,12 @@ class TrainConfig:
                 f"mix.roughen needs a world that can get rougher, got {self.mix.roughen} in still"
                 " water: give one such as world.name=sea"
             )
+        if self.control.memory and self.ppo.envs % self.ppo.minibatches:
+            raise InputError(
+                "ppo.envs must be a multiple of the minibatches where units remember, for each"
+                f" learns from whole rollouts of some chains: {self.ppo.minibatches} minibatches,"
+                f" got {self.ppo.envs}"
+            )
         if len(self.lengths) > 1:
             self._check_many_lengths()
         if max(self.lengths) != self.task.length:

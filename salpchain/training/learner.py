@@ -15,9 +15,10 @@ from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
-from salpchain.controllers.policy import Policy, PolicyCard
+from salpchain.controllers.policy import Policy, PolicyCard, as_policy
 from salpchain.devices import AXIS, largest_divisor, use_devices
 from salpchain.networks.actor_critic import ActorCritic, actor_critic
+from salpchain.networks.layers import WIDTH
 from salpchain.tasks.registry import own_settings
 from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
@@ -47,6 +48,7 @@ class TrainState(eqx.Module):
     curriculum: Curriculum
     key: PRNGKeyArray
     iteration: Int[Array, ""]
+    memory: Float[Array, "*learner env unit 128"] | None = None  # what the units remember, if so
 
 
 class Finite(eqx.Module):
@@ -96,7 +98,10 @@ def fresh_state(config: TrainConfig, env: Task) -> TrainState:
         states = jax.vmap(eased(env, curriculum).reset)(reset_keys, lengths)
         state = optimiser(config.ppo, config.iterations).init(cast(optax.Params, policy))
         cohorts = no_cohorts(config.task.step_limit, config.ppo.rollout, len(config.lengths))
-        return TrainState(policy, state, states, cohorts, curriculum, key, jnp.int32(0))
+        memory = None
+        if config.control.memory:
+            memory = jnp.zeros((config.ppo.envs, config.task.length, WIDTH))
+        return TrainState(policy, state, states, cohorts, curriculum, key, jnp.int32(0), memory)
 
     return new(jr.key(config.seed))
 
@@ -126,7 +131,7 @@ def policy_of(config: TrainConfig, network: ActorCritic, steps: int) -> Policy:
         task_name=config.task.name,
         task_settings=tuple(own_settings(config.task).items()),
     )
-    return Policy(network, card)
+    return as_policy(network, card)
 
 
 def place(learner: TrainState, mesh: Mesh) -> TrainState:
@@ -139,8 +144,9 @@ def place(learner: TrainState, mesh: Mesh) -> TrainState:
 def _specs(learner: TrainState) -> TrainState:
     lead = (None,) * learner.iteration.ndim  # of learners side by side
     specs = jax.tree.map(lambda _: Spec(), learner)
-    shared = jax.tree.map(lambda _: Spec(*lead, AXIS), learner.states)
-    return eqx.tree_at(lambda x: x.states, specs, shared, is_leaf=lambda x: x is None)
+    parts = learner.states, learner.memory
+    shared = jax.tree.map(lambda _: Spec(*lead, AXIS), parts)
+    return eqx.tree_at(lambda x: (x.states, x.memory), specs, shared, is_leaf=lambda x: x is None)
 
 
 Iterate = Callable[[TrainState], tuple[TrainState, Metrics]]
@@ -170,19 +176,20 @@ def iterate(config: TrainConfig, env: Task, learner: TrainState) -> tuple[TrainS
     ppo, widths = config.ppo, widths_of(config.lengths)
     env = eased(env, learner.curriculum)
     act_key, shuffle_key, key = jr.split(learner.key, 3)
-    states, samples, outcomes = collect(
+    states, memory, samples, outcomes = collect(
         env, learner.policy, learner.states, act_key, ppo.rollout,
-        partial(draw_length, config, learner.curriculum), widths,
+        partial(draw_length, config, learner.curriculum), widths, learner.memory,
     )  # fmt: skip
-    batch = training_samples(ppo, samples, outcomes, values(env, learner.policy, states))
+    last_values = values(env, learner.policy, states, memory)
+    batch = training_samples(ppo, samples, outcomes, last_values)
     policy, optimiser_state, losses = improve(
         ppo, optimiser(ppo, config.iterations), learner.policy, learner.optimiser_state, batch,
-        shuffle_key, learner.iteration / config.iterations, widths,
+        shuffle_key, learner.iteration / config.iterations, widths, learner.memory,
     )  # fmt: skip
     cohorts, cohort = count(learner.cohorts, outcomes, config.lengths)
     curriculum = advance(config, learner.curriculum, cohort.episodes, cohort.goals)
     after = TrainState(
-        policy, optimiser_state, states, cohorts, curriculum, key, learner.iteration + 1
+        policy, optimiser_state, states, cohorts, curriculum, key, learner.iteration + 1, memory
     )  # fmt: skip
     seen = metrics(policy, losses, samples, outcomes, cohort)
     return after, replace(seen, ease=learner.curriculum.ease)

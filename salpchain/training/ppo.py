@@ -15,7 +15,7 @@ from salpchain.devices import AXIS, largest_divisor
 from salpchain.networks.actor_critic import ActorCritic
 from salpchain.training.advantage import advantages, next_values
 from salpchain.training.config import PPOConfig
-from salpchain.training.rollout import Outcome, Sample, log_probs
+from salpchain.training.rollout import Memory, Outcome, Sample, log_probs, remember
 from salpchain.training.widths import CACHED_ROWS, at_width, by_length
 from salpchain.xla import flat_products, on_cpu
 
@@ -90,24 +90,32 @@ def improve(
     key: PRNGKeyArray,
     done: Float[Array, ""] | float = 0.0,
     widths: Sequence[int] = (),
+    memory: Memory = None,
 ) -> tuple[ActorCritic, Any, Losses]:
     """The policy after all epochs of minibatches over the batch, axes (step, env).
+
+    Where units remember, `memory` is from before the rollout, and a minibatch has the whole rollout
+    of some chains: what was remembered is learned through time, as far back as it reaches.
 
     `done` is the share of the run that is over, on which the weight of the entropy depends.
     Every device knows the whole batch and works on its part of each minibatch, so that the
     minibatches are the same however many devices there are. `widths`: as in `widths_of`.
     """
-    flat = jax.tree.map(_flat_everywhere, batch)
+    whole = jax.tree.map(partial(jax.lax.all_gather, axis_name=AXIS, axis=1, tiled=True), batch)
+    if memory is None:
+        whole, samples = jax.tree.map(_flat, whole), config.batch
+    else:
+        memory, samples = jax.lax.all_gather(memory, AXIS, tiled=True), config.envs
     devices, device = jax.lax.axis_size(AXIS), jax.lax.axis_index(AXIS)
     weight = entropy_weight(config, done)
 
     def epoch(carry: Any, key: PRNGKeyArray) -> tuple[Any, Losses]:
-        order = jr.permutation(key, config.batch).reshape(config.minibatches, devices, -1)
+        order = jr.permutation(key, samples).reshape(config.minibatches, devices, -1)
         return jax.lax.scan(learn, carry, order[:, device])
 
     def learn(carry: Any, chosen: Array) -> tuple[Any, Losses]:
         policy, optimiser_state = carry
-        told = _gradient(policy, config, flat, chosen, weight, widths)
+        told = _gradient(policy, config, whole, chosen, weight, widths, memory)
         gradient, losses = jax.lax.pmean(told, AXIS)
         norm = optax.tree.norm(gradient)
         updates, optimiser_state = optimiser.update(gradient, optimiser_state, policy)
@@ -124,26 +132,28 @@ def entropy_weight(config: PPOConfig, done: Float[Array, ""] | float) -> Float[A
     return config.entropy * (1 + done * (config.final_entropy - 1))
 
 
-def _flat_everywhere(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:
-    """The samples of all devices."""
-    whole = jax.lax.all_gather(x, AXIS, axis=1, tiled=True)
-    return whole.reshape(-1, *x.shape[2:])
+def _flat(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:
+    return x.reshape(-1, *x.shape[2:])
 
 
 def _gradient(
     policy: ActorCritic,
     config: PPOConfig,
-    flat: TrainingSample,
+    batch: TrainingSample,
     chosen: Int[Array, " minibatch"],
     weight: Float[Array, ""] | float,
     widths: Sequence[int],
+    memory: Memory,
 ) -> tuple[ActorCritic, Losses]:
-    """Mean gradient and losses over the chosen chain-steps, in parts that fit a core's cache."""
-    present = flat.sample.present
+    """Mean gradient and losses over the chosen chain-steps, in parts that fit a core's cache.
+
+    Of units that remember, over the whole rollouts of the chosen chains.
+    """
+    present = batch.sample.present
     rows = CACHED_ROWS if on_cpu() else chosen.shape[0] * present.shape[-1]
     size = largest_divisor(chosen.shape[0], max(1, rows // present.shape[-1]))
     parts = chosen.reshape(-1, size)
-    if len(widths) > 1:
+    if len(widths) > 1 and memory is None:
         parts = chosen[by_length(present[chosen], size)]
 
     def gradient(width: int, few: TrainingSample) -> Any:
@@ -152,7 +162,10 @@ def _gradient(
         return jax.grad(loss, has_aux=True)(policy, config, few, weight)
 
     def of_part(some: Array) -> Any:
-        few = jax.tree.map(lambda x: x[some], flat)
+        if memory is not None:
+            few = jax.tree.map(lambda x: x[:, some], batch)
+            return jax.grad(loss, has_aux=True)(policy, config, few, weight, memory[some])
+        few = jax.tree.map(lambda x: x[some], batch)
         return at_width(widths or present.shape[-1:], few.sample.present, gradient, few)
 
     def add(total: Any, some: Array) -> tuple[Any, None]:
@@ -166,7 +179,7 @@ def _gradient(
 def _cut(width: int, one: TrainingSample) -> TrainingSample:
     """The sample without the slots beyond this width, which must be dead."""
     sample, gain = one.sample, one.advantage
-    short = Sample(
+    short = Sample(  # of units that remember nothing
         obs=sample.obs[:width],
         present=sample.present[:width],
         joined=sample.joined[: width - 1],
@@ -183,11 +196,22 @@ def loss(
     config: PPOConfig,
     batch: TrainingSample,
     weight: Float[Array, ""] | float,
+    memory: Memory = None,
 ) -> tuple[Float[Array, ""], Losses]:
-    """The clipped surrogate (paper equation 1), the value error and the entropy, weighted."""
+    """The clipped surrogate (paper equation 1), the value error and the entropy, weighted.
+
+    With the memory of each chain before its rollout, the axes of the batch are (step, env).
+    """
     sample = batch.sample
     with flat_products():
-        mean, value = jax.vmap(lambda s: policy(s.obs, s.present, s.joined, known=s.known))(sample)
+        if memory is None:
+            mean, value = jax.vmap(lambda s: policy(s.obs, s.present, s.joined, known=s.known))(
+                sample
+            )
+        else:
+            mean, value = _through_time(policy, sample, memory)
+            batch, mean, value = jax.tree.map(_flat, (batch, mean, value))
+            sample = batch.sample
     density = jax.vmap(log_probs, (None, 0, 0, 0))(policy, mean, sample.action, sample.present)
     change, share = changes(config.ratio, density - sample.log_prob, sample.present)
     ratio, gain = jnp.exp(change), batch.advantage
@@ -204,6 +228,19 @@ def loss(
         clipped=_mean(share, jnp.abs(ratio - 1) > config.clip),
         grad_norm=jnp.zeros(()),
     )
+
+
+def _through_time(
+    policy: ActorCritic, sample: Sample, memory: Float[Array, "env unit 128"]
+) -> tuple[Float[Array, "step env unit act"], Float[Array, "step env"]]:
+    """Mean actions and values of rollouts, what was remembered passed on from step to step."""
+
+    def advance(memory: Array, now: Sample) -> tuple[Array, tuple[Array, Array]]:
+        seen = now.obs, now.present, now.joined, memory, now.known, now.begins
+        mean, value, memory = jax.vmap(partial(remember, policy))(*seen)
+        return memory, (mean, value)
+
+    return jax.lax.scan(advance, memory, sample)[1]
 
 
 def changes(

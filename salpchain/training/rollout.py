@@ -29,6 +29,10 @@ class Sample(eqx.Module):
     log_prob: Float[Array, " unit"]
     value: Float[Array, ""]
     known: Float[Array, "unit known"] | None = None  # what the critic observes, if it is its own
+    begins: Bool[Array, ""] | None = None  # whether its episode does, where units remember
+
+
+Memory = Float[Array, "env unit 128"] | None  # what the units remember, if they do
 
 
 class Outcome(eqx.Module):
@@ -56,28 +60,30 @@ def collect(
     steps: int,
     draw_length: DrawLength | None = None,
     widths: Sequence[int] = (),
-) -> tuple[State, Sample, Outcome]:
+    memory: Memory = None,
+) -> tuple[State, Memory, Sample, Outcome]:
     """`steps` control steps of every chain (batch first), finished episodes renewed.
 
-    Returns the states after them, and samples and outcomes with axes (step, env). What a chain
-    does follows from its number among those of all devices, not from the device that it is on.
-    `widths`: as in `widths_of`, where lengths are mixed.
+    Returns states and memory after them, and samples and outcomes with axes (step, env). What a
+    chain does follows from its number among those of all devices, not from the device that it is
+    on. `widths`: as in `widths_of`, where lengths are mixed.
     """
     num = states.time.shape[0]
     numbers = jax.lax.axis_index(AXIS) * num + jnp.arange(num)
 
-    def advance(states: State, key: PRNGKeyArray) -> tuple[State, tuple[Sample, Outcome]]:
+    def advance(now: tuple[State, Memory], key: PRNGKeyArray) -> tuple[Any, tuple[Sample, Outcome]]:
+        states, memory = now
         keys = jax.vmap(jr.fold_in, (None, 0))(key, numbers)
         known = _known(env, policy, states)
-        told = _tell(policy, states, widths, known)
-        sample = jax.vmap(partial(_sample, policy))(states, *told, keys, known)
+        mean, value, memory = _tell(policy, states, widths, known, memory)
+        sample = jax.vmap(partial(_sample, policy))(states, mean, value, keys, known)
         after = jax.vmap(env.step)(states, sample.action)
-        final = _final_value(env, policy, after)
+        final = _final_value(env, policy, after, memory)
         outcome = jax.vmap(partial(_outcome, env))(states, after, final)
-        return renew_done(env, after, draw_length), (sample, outcome)
+        return (renew_done(env, after, draw_length), memory), (sample, outcome)
 
-    states, (samples, outcomes) = jax.lax.scan(advance, states, jr.split(key, steps))
-    return states, samples, outcomes
+    now, (samples, outcomes) = jax.lax.scan(advance, (states, memory), jr.split(key, steps))
+    return *now, samples, outcomes
 
 
 def _outcome(env: Task, before: State, after: State, final_value: Float[Array, ""]) -> Outcome:
@@ -114,9 +120,42 @@ def _tell(
     states: State,
     widths: Sequence[int],
     known: Float[Array, "env unit known"] | None = None,
+    memory: Memory = None,
+) -> tuple[Float[Array, "env unit act"], Float[Array, " env"], Memory]:
+    """The mean actions and the value of each chain, and what its units remember after it."""
+    if policy.recall is not None:
+        assert memory is not None
+        return jax.vmap(partial(remember, policy))(*_seen(states), memory, known, states.time == 0)
+    return *_react(policy, states, widths, known), None
+
+
+def _seen(states: State) -> tuple[Array, Array, Array]:
+    """What a network is given of each chain."""
+    return jax.vmap(lambda s: (s.obs, s.chain.present, s.chain.joined))(states)
+
+
+def remember(
+    policy: Any,
+    obs: Float[Array, "unit inputs"],
+    present: Bool[Array, " unit"],
+    joined: Bool[Array, " link"],
+    memory: Float[Array, "unit 128"],
+    known: Float[Array, "unit known"] | None,
+    begins: Any,
+) -> tuple[Float[Array, "unit act"], Float[Array, ""], Float[Array, "unit 128"]]:
+    """Mean action, value and memory of a chain, which has none where its episode begins."""
+    memory = jnp.where(begins, 0.0, memory)
+    return policy.remember(obs, present, joined, memory, known=known)
+
+
+def _react(
+    policy: ActorCritic,
+    states: State,
+    widths: Sequence[int],
+    known: Float[Array, "env unit known"] | None,
 ) -> tuple[Float[Array, "env unit act"], Float[Array, " env"]]:
-    """The mean actions and the value of each chain."""
-    seen = *jax.vmap(lambda s: (s.obs, s.chain.present, s.chain.joined))(states), known
+    """The mean actions and the value of each chain, whose units remember nothing."""
+    seen = *_seen(states), known
     if len(widths) < 2:
         return jax.vmap(partial(_ask, policy))(*seen)
     num, slots = seen[1].shape
@@ -163,6 +202,7 @@ def _sample(
         log_prob=log_probs(policy, mean, action, chain.present),
         value=value,
         known=known,
+        begins=None if policy.recall is None else state.time == 0,
     )
 
 
@@ -178,15 +218,19 @@ def log_probs(
     return jnp.sum(each * present[:, None], axis=1)
 
 
-def values(env: Task, policy: ActorCritic, states: State) -> Float[Array, " env"]:
+def values(
+    env: Task, policy: ActorCritic, states: State, memory: Memory = None
+) -> Float[Array, " env"]:
     """Value of each chain's present observation."""
-    return _tell(policy, states, (), _known(env, policy, states))[1]
+    return _tell(policy, states, (), _known(env, policy, states), memory)[1]
 
 
-def _final_value(env: Task, policy: ActorCritic, after: State) -> Float[Array, " env"]:
+def _final_value(
+    env: Task, policy: ActorCritic, after: State, memory: Memory
+) -> Float[Array, " env"]:
     """Values where an episode ran out of time; computed only when one did."""
     return jax.lax.cond(
         after.truncated.any(),
-        lambda: values(env, policy, after),
+        lambda: values(env, policy, after, memory),
         lambda: jnp.zeros_like(after.reward),
     )

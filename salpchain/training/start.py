@@ -32,13 +32,16 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
     except InputError as error:
         raise InputError(f"start: {error}") from None
     card, wanted = given.card, layout(task.observation)
-    had_critic = replace(card.control, critic=config.control.critic)
-    for what, own, other in (
-        ("control", config.control, had_critic),
+    own = config.control
+    had_trunk = replace(card.control, critic=own.critic, memory=own.memory)
+    for what, wanted_one, other in (
+        ("control", own, had_trunk),
         ("action", task.action, card.action),
     ):
-        if own != other:
-            raise InputError(f"start {config.start} has another {what}: {other}, this run {own}")
+        if wanted_one != other:
+            raise InputError(
+                f"start {config.start} has another {what}: {other}, this run {wanted_one}"
+            )
     if card.control.model in SINGLE_LENGTH and card.length != task.length:
         raise InputError(f"start {config.start} works at {card.length} units, got {task.length}")
     had = layout(card.observation)
@@ -55,7 +58,8 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
 
     Where its units observe more, that counts for nothing at first, so that the run begins with what
     the policy does. The spread of its actions is that of a fresh one: a policy at the end of its
-    training hardly explores. So is its critic, unless both have the same kind.
+    training hardly explores. So is its critic, unless both have the same kind, and its memory,
+    which counts for nothing at first, unless both have one.
     """
 
     def put(new: Array, old: Array) -> Array:
@@ -66,5 +70,7 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
     if given.critic_observes != fresh.critic_observes:
         judge = "critic", "score", "critic_trunk", "critic_observes"
         given = replace(given, **{name: getattr(fresh, name) for name in judge})
+    if (given.recall is None) != (fresh.recall is None):
+        given = replace(given, recall=fresh.recall)
     weights: Any = jax.tree.map(put, fresh, given)
     return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)

@@ -206,8 +206,9 @@ def _thrusters(
         return None
     order, dead, failing, when, gain, lag = jr.split(key, 6)
     one_sided = config.one_sided
-    if one_sided and config.one_sided_share < 1:
-        one_sided = jr.bernoulli(jr.fold_in(key, ONE_SIDED_STREAM), config.one_sided_share)
+    if config.one_sided_share < 1:
+        drawn = jr.bernoulli(jr.fold_in(key, ONE_SIDED_STREAM), config.one_sided_share)
+        one_sided = drawn & one_sided
     rank = _ranks(order, slots, length)
     gains = jr.uniform(gain, (slots,), minval=config.gain.low, maxval=config.gain.high)
     num_dead = jnp.round(_drawn(dead, config.dead) * length)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from salpchain.controllers.policy import Policy
+from salpchain.controllers.policy import Policy, as_policy
 from salpchain.controllers.released import FOLDER
 from salpchain.controllers.storage import load, save_policy
 from salpchain.devices import use_devices
@@ -100,7 +100,7 @@ def release(name: str, runs: Path) -> None:
     for config, folder in zip(stages, folders, strict=True):
         train_or_go_on(config, runs / folder)
     trained = load(run)
-    policy = Policy(trained.network, dataclasses.replace(trained.card, name=name))
+    policy = as_policy(trained.network, dataclasses.replace(trained.card, name=name))
     file = run / f"{name}.safetensors"
     save_policy(policy, file, half=True)
     tested = run / "evaluation"

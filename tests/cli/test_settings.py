@@ -34,6 +34,7 @@ VALUES = {
     "control.improved": ("true", True, (), "very"),
     "control.depth": ("4", 4, (), "99"),
     "control.critic": ("around", "around", (), "everything"),
+    "control.memory": ("true", True, (), "much"),
     "ppo.envs": ("512", 512, (), "0"),
     "ppo.rollout": ("64", 64, (), "2.5"),
     "ppo.minibatch": ("1024", 1024, (), "1000"),

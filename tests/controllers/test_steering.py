@@ -95,7 +95,7 @@ def test_what_cannot_be_steered_by_poses_is_refused():
         greedy(*(np.zeros(shape) for shape in ((2, 3, 2), (3,), (2, 3, 2), (2, 3), (2, 3, 2))))
     with pytest.raises(InputError, match=r"give one chain or more, got position of shape \(0, 3"):
         greedy(*(np.zeros(shape) for shape in ((0, 3, 2), (0, 3), (0, 3, 2), (0, 3), (0, 3, 2))))
-    with pytest.raises(InputError, match="mpc plans on the simulation"):
+    with pytest.raises(InputError, match="mpc remembers, or plans on the simulation"):
         salpchain.steering(salpchain.MPC(), 4)
     with pytest.raises(InputError, match=r"body\*2, several control steps at once: poses"):
         salpchain.steering(fresh(observation="body*2"), 4)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -6,7 +8,12 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from salpchain.controllers.policy import PolicyCard, RecurrentPolicy, as_policy
+from salpchain.controllers.steering import steering
+from salpchain.controllers.storage import load, save_policy
+from salpchain.devices import AXIS
 from salpchain.errors import InputError
+from salpchain.interop.export import export
 from salpchain.networks.actor_critic import actor_critic
 from salpchain.networks.config import ControlConfig
 from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
@@ -23,8 +30,9 @@ from salpchain.training.ppo import (
     own_returns,
 )
 from salpchain.training.presets import choose
-from salpchain.training.rollout import Sample, log_probs
-from salpchain.training.trainer import train
+from salpchain.training.rollout import Sample, collect, log_probs
+from salpchain.training.start import policy_to_start, with_weights
+from salpchain.training.trainer import resume, train
 from tests.training.small import small
 
 
@@ -195,3 +203,107 @@ def test_settings_that_cannot_be_are_refused_with_one_line(settings):
     with pytest.raises(InputError) as error:
         PPOConfig(**settings)
     assert "\n" not in str(error.value)
+
+
+@pytest.fixture(scope="module")
+def remembering():
+    """A network whose units recall something, and a rollout in which one episode ends halfway."""
+    env = SCLD(TaskConfig(3, contact=False))
+    config = ControlConfig(memory=True)
+    network = actor_critic(jr.key(0), config, env.observation_size, env.action_size, 3)
+    weight = 0.1 * jr.normal(jr.key(1), (128, 128))
+    network = eqx.tree_at(lambda n: n.recall.recalled.weight, network, weight)
+    states = jax.jit(jax.vmap(env.reset))(jr.split(jr.key(2), 2))
+    last = env.step_limit(3) - 3
+    states = eqx.tree_at(lambda s: s.time, states, jnp.array([7, last], states.time.dtype))
+    memory = jr.normal(jr.key(3), (2, 3, 128))
+    roll = eqx.filter_jit(lambda: collect(env, network, states, jr.key(4), 8, memory=memory))
+    samples = jax.vmap(lambda _: roll()[2], axis_name=AXIS)(jnp.zeros(1))
+    return network, jax.tree.map(lambda x: x[0], samples), memory
+
+
+def test_units_that_remember_are_judged_by_what_they_remembered_then(remembering):
+    network, sample, memory = remembering
+    assert sample.begins[:, 1].tolist() == [False] * 3 + [True] + [False] * 4
+    assert not sample.begins[:, 0].any()
+    for env in range(2):
+        known = memory[env]
+        for step in range(8):
+            one = jax.tree.map(lambda x: x[step, env], sample)  # noqa: B023
+            known = jnp.zeros_like(known) if one.begins else known
+            mean, known = network.plan(one.obs, one.present, one.joined, known)
+            density = log_probs(network, mean, one.action, one.present)
+            np.testing.assert_allclose(density, one.log_prob, rtol=2e-4, atol=2e-4)
+    batch = jax.vmap(jax.vmap(TrainingSample))(sample, jnp.ones((8, 2, 1)), sample.value)
+    _, losses = loss(network, PPOConfig(ratio="unit"), batch, 0.0, memory)
+    assert float(losses.kl) == pytest.approx(0, abs=1e-6) and float(losses.clipped) == 0
+    assert float(losses.value) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize("begins", [False, True])
+def test_what_is_remembered_is_learned_as_far_back_as_the_episode_reaches(remembering, begins):
+    network, sample, memory = remembering
+    sample = eqx.tree_at(lambda s: s.begins, sample, jnp.zeros((8, 2), bool).at[4].set(begins))
+    gain = jnp.zeros((8, 2, 1)).at[7].set(1.0)
+    batch = jax.vmap(jax.vmap(TrainingSample))(sample, gain, sample.value)
+    config = PPOConfig(ratio="unit", value_weight=0.0)
+
+    def lost(obs):
+        seen = eqx.tree_at(lambda b: b.sample.obs, batch, obs)
+        return loss(network, config, seen, 0.0, memory)[0]
+
+    slopes = np.abs(jax.grad(lost)(sample.obs)).max(axis=(1, 2, 3))
+    assert (slopes[4:] > 0).all()
+    assert (slopes[:4] == 0).all() if begins else (slopes[:4] > 0).all()
+
+
+@pytest.mark.slow
+def test_a_policy_that_remembers_is_trained_kept_resumed_and_played(tmp_path):
+    config = replace(small(4), control=ControlConfig(memory=True))
+    train(config, tmp_path / "whole")
+    policy = load(tmp_path / "whole")
+    assert isinstance(policy, RecurrentPolicy)
+    env = SCLD(policy.card.task(5))
+    state = jax.jit(env.reset)(jr.key(0))
+    first, memory = policy.plan(state, policy.begin(state))
+    np.testing.assert_array_equal(first, policy.act(state))
+    assert np.abs(policy.plan(state, memory)[0] - first).max() > 0
+    for refused, said in (
+        (lambda: export(policy, tmp_path / "policy.onnx", "onnx"), "memory"),
+        (lambda: steering(policy, 5), "remembers"),
+    ):
+        with pytest.raises(InputError, match=said):
+            refused()
+
+    def stop(_, step):
+        if step >= config.total_steps // 2:
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        train(config, tmp_path / "stopped", on_iteration=stop)
+    resume(tmp_path / "stopped")
+    weights = jax.tree.leaves(load(tmp_path / "stopped").network)
+    for one, other in zip(weights, jax.tree.leaves(policy.network), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_run_with_memory_begins_as_the_policy_without_that_it_starts_from(tmp_path):
+    plain = as_policy(actor_critic(jr.key(0), ControlConfig(), 22, 1, 3), PolicyCard(length=3))
+    save_policy(plain, tmp_path / "plain.safetensors")
+    begin = str(tmp_path / "plain.safetensors")
+    config = replace(small(1), control=ControlConfig(memory=True), start=begin)
+    fresh = actor_critic(jr.key(5), config.control, 22, 1, 3)
+    begun = with_weights(fresh, policy_to_start(config))
+    state = jax.jit(SCLD(plain.card.task(3)).reset)(jr.key(0))
+    chain = state.chain
+    memory = jr.normal(jr.key(1), (3, 128))
+    action, after = begun.plan(state.obs, chain.present, chain.joined, memory)
+    np.testing.assert_allclose(action, plain.act(state), atol=1e-7)
+    assert np.abs(after - memory).max() > 0
+
+
+def test_memory_needs_units_on_a_graph_and_minibatches_of_whole_rollouts():
+    with pytest.raises(InputError, match="an mlp has none"):
+        ControlConfig("mlp", memory=True)
+    with pytest.raises(InputError, match=r"ppo.envs must be a multiple .* 16 minibatches, got 8"):
+        replace(small(minibatch=8), control=ControlConfig(memory=True))
