@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,14 +23,23 @@ from salpchain.cli.settings import Sets
 from salpchain.cli.streams import say
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths
-from salpchain.files import alone
+from salpchain.files import alone, make_writable
 from salpchain.networks.config import PAPER_GRAPHS, SINGLE_LENGTH
-from salpchain.paper.grid import PAPER_MODELS, PAPER_TESTS, Grid, Job, check_folder, claim
+from salpchain.paper.grid import (
+    DISABLED,
+    PAPER_MODELS,
+    PAPER_TESTS,
+    Grid,
+    Job,
+    check_folder,
+    claim,
+)
 
 if TYPE_CHECKING:
     from salpchain.experiments.sweep import Executor
 
 EXECUTORS = ("local", "ray")
+EXPERIMENTS = ("paper", "disabled")
 Names = Annotated[str, text_option("NAME,NAME,...")]
 
 
@@ -42,11 +51,20 @@ class Reproduce:
     at 4 to 64 units with both time limits, Figures 3 and 4, and a page that says, claim by claim,
     what held. Stopped or killed, the same command goes on; what is whole is not done again.
 
+    `--experiment disabled` tests policies with some units disabled, as the original study's code
+    does and the paper does not tell: how many may fail?
+
     Example: salpchain reproduce --preset quick --seeds 3 --out studies/mine
     """
 
     out: Folder = "study"
     """Folder of the study; new, empty, or one that this command began."""
+    experiment: Annotated[str, text_option("paper|disabled")] = "paper"
+    """paper (trains and tests), or disabled (tests policies; takes --policies, --lengths, --trials
+    and --out, where it writes disabled/)."""
+    policies: Names = ""
+    """Policies to test with disabled units: names, run folders or files. Default: those that come
+    with salpchain."""
     preset: Name = "quick"
     """quick (ours: minutes for each run) or paper (the paper's Table 2: hours to days for each)."""
     models: Names = "mlp,gcn,gatv2,gt"
@@ -61,8 +79,8 @@ class Reproduce:
     """Chain-steps of each run. Default: the preset's."""
     set: Sets = ()
     """A setting of every run, such as ppo.epochs=2, but those above; may be given several times."""
-    trials: Whole = "50"
-    """Episodes of each test length."""
+    trials: Whole = ""
+    """Episodes of each test length. Default: 50; 25 of each number of disabled units."""
     tests: Lengths = ""
     """Lengths to test. Default: 4:64:4; without graph controllers, the training lengths."""
     jobs: Whole = ""
@@ -81,6 +99,11 @@ class Reproduce:
 
 def run(options: Reproduce) -> int:
     """The whole study; 1 if a run failed for good, 2 if results were damaged."""
+    one_of("experiment", options.experiment, EXPERIMENTS)
+    if options.experiment == "disabled":
+        return _disabled(options)
+    if options.policies:
+        raise InputError("--policies are tested with disabled units: add --experiment disabled")
     grid = grid_of(options)
     folder = Path(options.out)
     resources = _resources(options)
@@ -93,6 +116,34 @@ def run(options: Reproduce) -> int:
         print(plan(grid, resources.jobs, *_left(folder, grid)))
         return 0
     return _study(folder, grid, options, resources)
+
+
+def _disabled(options: Reproduce) -> int:
+    """The experiment with disabled units."""
+    takes = {"out", "experiment", "policies", "lengths", "trials"}
+    for one in fields(options):
+        if one.name not in takes and getattr(options, one.name) != one.default:
+            raise InputError(
+                f"--experiment disabled trains nothing: leave --{one.name.replace('_', '-')} out"
+            )
+    lengths = parse_lengths(options.lengths)
+    trials = positive("trials", options.trials) if options.trials else None
+    from salpchain.cli.display import share_display
+    from salpchain.controllers.released import released
+    from salpchain.controllers.storage import load
+    from salpchain.devices import use_devices
+    from salpchain.paper.disabled import TRIALS, experiment
+
+    use_devices()
+    policies = [
+        load(name) for name in _names("policies", options.policies or ",".join(released()), ())
+    ]
+    out = Path(options.out) / DISABLED
+    make_writable(out)
+    with alone(out), share_display("testing") as watch:
+        files = experiment(policies, lengths, trials or TRIALS, 0, out, watch)
+    print(f"wrote {', '.join(map(str, files))}")
+    return 0
 
 
 def _left(folder: Path, grid: Grid) -> tuple[list[Job], bool]:
@@ -146,7 +197,7 @@ def grid_of(options: Reproduce) -> Grid:
         lengths=lengths,
         seeds=number("seeds", options.seeds),
         steps=whole("steps", options.steps),
-        trials=positive("trials", options.trials),
+        trials=positive("trials", options.trials or "50"),
         tests=tests,
         settings=tuple(sorted(options.set)),
     )

@@ -50,6 +50,7 @@ class Played(NamedTuple):
     worlds: tuple[WorldConfig, ...]
     which: Int[np.ndarray, " trial"]  # of the worlds
     number: Int[np.ndarray, " trial"]  # of the trial in its cell
+    drawn: Int[np.ndarray, " trial"]  # of the trial in whose world it swims
     row: Int[np.ndarray, " trial"]  # of the frame
 
 
@@ -104,15 +105,15 @@ def _programs(cells: Sequence[Cell], trials: int) -> Iterator[Played]:
             raise ValueError(f"the worlds of {cell.trouble} must have the same substeps")
     for substeps in sorted({w.dynamics.substeps for cell in cells for w in cell.worlds.values()}):
         worlds: list[WorldConfig] = []
-        parts: list[tuple[Any, Any, Any]] = []
+        parts: list[tuple[Any, Any, Any, Any]] = []
         for place, cell in enumerate(cells):
             own = list(cell.worlds.values())
             if own[0].dynamics.substeps == substeps:
                 which = len(worlds) + numbers % len(own)
-                parts.append((which, numbers, place * trials + numbers))
+                drawn = 0 * numbers if cell.once else numbers
+                parts.append((which, numbers, drawn, place * trials + numbers))
                 worlds += own
-        which, number, row = map(np.concatenate, zip(*parts, strict=True))
-        yield Played(tuple(worlds), which, number, row)
+        yield Played(tuple(worlds), *map(np.concatenate, zip(*parts, strict=True)))
 
 
 def _blocks(played: Played, length: int) -> Iterator[Played]:
@@ -137,9 +138,11 @@ def _play(
 ) -> dict[str, np.ndarray]:
     """The measures of these trials, (trial,) each."""
     domain = replace(env, world=_what_all_have(env, played.worlds))
-    keys = start_keys(seed, length, jnp.asarray(played.number))
+    start, drawn = (
+        start_keys(seed, length, jnp.asarray(some)) for some in (played.number, played.drawn)
+    )
     which = jnp.asarray(played.which)
-    begun = shared_out(_begin(domain, played.worlds, jnp.int32(length), which, keys))
+    begun = shared_out(_begin(domain, played.worlds, jnp.int32(length), which, start, drawn))
     (end,) = play_out(domain, [controller], begun, [int(env.step_limit(length))], progress)
     found = {name: values[:, 0] for name, values in measures(domain, end).items()}
     after = np.asarray(_farthest_after(domain, controller, end), np.float64)
@@ -177,13 +180,14 @@ def _begin(
     worlds: tuple[WorldConfig, ...],
     length: Int[Array, ""],
     which: Int[Array, " trial"],
-    keys: Key[Array, " trial"],
+    start: Key[Array, " trial"],
+    drawn: Key[Array, " trial"],
 ) -> Trial:
-    """Trials before their first step, each in the world of its number."""
+    """Trials before their first step, each in the world of its number, from its key."""
     compiling()
 
-    def one(which: Array, key: Array) -> Trial:
-        world = env.drawn_from(chosen(worlds, which), key, length)
-        return begin_one(replace(env, world=replace(world, drawn_from=None)), length, key)
+    def one(which: Array, start: Array, drawn: Array) -> Trial:
+        world = env.drawn_from(chosen(worlds, which), drawn, length)
+        return begin_one(replace(env, world=replace(world, drawn_from=None)), length, start)
 
-    return for_each(1, jax.vmap(one)(which, keys))
+    return for_each(1, jax.vmap(one)(which, start, drawn))

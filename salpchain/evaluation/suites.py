@@ -26,11 +26,15 @@ UNGRADED = "none"
 
 
 class Cell(NamedTuple):
-    """One trouble at one grade. The trials take its worlds in turn, by name."""
+    """One trouble at one grade. The trials take its worlds in turn, by name.
+
+    With `once`, what is drawn of a world is drawn once for all trials.
+    """
 
     trouble: str
     grade: str
     worlds: Mapping[str, WorldConfig]
+    once: bool = False
 
 
 Worlds = Callable[[int, int], Mapping[str, WorldConfig]]  # of a grade (0 to 2) and a length

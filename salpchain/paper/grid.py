@@ -19,6 +19,7 @@ from salpchain.training.config import TrainConfig
 from salpchain.training.presets import PRESETS, choose
 from salpchain.training.settings import laid_over, typed
 
+DISABLED = "disabled"  # folder of the experiment of that name
 GRID_FILE = "grid.json"
 FORMAT = 1
 PAPER_MODELS = ("mlp", "gcn", "gatv2", "gt")
@@ -180,8 +181,8 @@ def check_folder(folder: StrPath, grid: Grid) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a file may lie where no study has begun: what is left of one that failed."""
-    return path.name == LOCK_FILE or path.name.startswith(f".{GRID_FILE}")
+    """Whether it may lie where no study has begun: what is left of one that failed, or a test."""
+    return path.name in (LOCK_FILE, DISABLED) or path.name.startswith(f".{GRID_FILE}")
 
 
 def claim(folder: StrPath, grid: Grid) -> None:

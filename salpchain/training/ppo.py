@@ -94,18 +94,14 @@ def improve(
 ) -> tuple[ActorCritic, Any, Losses]:
     """The policy after all epochs of minibatches over the batch, axes (step, env).
 
-    Where units remember, `memory` is from before the rollout, and a minibatch has the whole rollout
-    of some chains: what was remembered is learned through time, as far back as it reaches.
-
+    `memory`: of units that remember, from before the rollout; a minibatch is then the whole
+    rollouts of some chains, and what was remembered is learned through time.
     `done` is the share of the run that is over, on which the weight of the entropy depends.
     Every device knows the whole batch and works on its part of each minibatch, so that the
     minibatches are the same however many devices there are. `widths`: as in `widths_of`.
     """
-    whole = jax.tree.map(partial(jax.lax.all_gather, axis_name=AXIS, axis=1, tiled=True), batch)
-    if memory is None:
-        whole, samples = jax.tree.map(_flat, whole), config.batch
-    else:
-        memory, samples = jax.lax.all_gather(memory, AXIS, tiled=True), config.envs
+    whole, memory = _of_all_devices(batch, memory)
+    samples = config.batch if memory is None else config.envs
     devices, device = jax.lax.axis_size(AXIS), jax.lax.axis_index(AXIS)
     weight = entropy_weight(config, done)
 
@@ -130,6 +126,14 @@ def improve(
 def entropy_weight(config: PPOConfig, done: Float[Array, ""] | float) -> Float[Array, ""] | float:
     """The weight of the entropy in the loss, when this fraction of the run is over."""
     return config.entropy * (1 + done * (config.final_entropy - 1))
+
+
+def _of_all_devices(batch: TrainingSample, memory: Memory) -> tuple[TrainingSample, Memory]:
+    """The samples of all devices: one axis of them, or (step, env) of units that remember."""
+    whole = jax.tree.map(partial(jax.lax.all_gather, axis_name=AXIS, axis=1, tiled=True), batch)
+    if memory is None:
+        return jax.tree.map(_flat, whole), None
+    return whole, jax.lax.all_gather(memory, AXIS, tiled=True)
 
 
 def _flat(x: Shaped[Array, "step env *rest"]) -> Shaped[Array, "sample *rest"]:

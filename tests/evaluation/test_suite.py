@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from salpchain.controllers.greedy import Greedy
+from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation.statistics import interval_of_mean, share
 from salpchain.evaluation.suite import run_suite
@@ -20,7 +21,7 @@ from salpchain.evaluation.trials import REACH, domain_for, run_trials, start_key
 from salpchain.physics.state import Physics
 from salpchain.ranges import as_range
 from salpchain.report.suite import heat_map, suite_page, verdict
-from salpchain.world.config import CurrentConfig, DynamicsConfig, WorldConfig
+from salpchain.world.config import CurrentConfig, DynamicsConfig, ThrusterConfig, WorldConfig
 
 SEA = SUITES["sea"]
 TROUBLES = ["delay", "noise", "dropout", "repeat", "dead", "failing", "weak", "current"]
@@ -38,9 +39,13 @@ def test_the_suite_has_every_trouble_in_three_grades_and_still_water_first():
 
 
 def test_what_a_version_holds_never_changes():
-    cells = repr([list(SEA.cells(length)) for length in SEA.lengths])
-    digest = hashlib.sha256(cells.encode()).hexdigest()[:16]
-    assert (SEA.version, digest) == (1, "a47cbe4109472093")
+    held = [
+        (cell.trouble, cell.grade, [(k, w.changes(WorldConfig())) for k, w in cell.worlds.items()])
+        for length in SEA.lengths
+        for cell in SEA.cells(length)
+    ]
+    digest = hashlib.sha256(repr(held).encode()).hexdigest()[:16]
+    assert (SEA.version, digest) == (1, "c2e375b8915ef795")
 
 
 def test_the_hardest_grade_of_all_leaves_half_of_the_thrusters_at_first_and_a_half_at_the_end():
@@ -50,6 +55,29 @@ def test_the_hardest_grade_of_all_leaves_half_of_the_thrusters_at_first_and_a_ha
             for world in cell.worlds.values():
                 parts = world.thrusters.dead.low, world.thrusters.failing.low
                 assert sum(round(part * length) for part in parts) == dies
+
+
+class Pusher:
+    """All units push with all they have."""
+
+    card = PolicyCard("pusher")
+
+    def act(self, state):
+        return jnp.ones((len(state.thrust), 1))
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_what_is_drawn_of_a_world_is_drawn_for_each_trial_or_once_for_all(once):
+    """Half of the units are dead. All chains start straight, so their ways are alike where the same
+    units are."""
+    half = WorldConfig(thrusters=ThrusterConfig(dead=as_range(0.5)))
+    cells = [Cell("dead", "4", {"dead": half}, once)]
+    ways = run_cells(Pusher(), cells, 8, 12, "scaled", 0, task=replace(REACH, most_steps=30))
+    assert ways["start_distance"].round(4).nunique() == 12
+    if once:
+        assert np.ptp(ways["path_efficiency"]) < 1e-4
+    else:
+        assert ways["path_efficiency"].round(3).nunique() > 6
 
 
 @pytest.fixture(scope="module")
