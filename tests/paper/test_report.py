@@ -5,8 +5,13 @@ import json
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from salpchain.controllers.storage import load
+from salpchain.errors import InputError
+from salpchain.files import read_json
+from salpchain.paper import disabled
 from salpchain.paper.grid import Grid
 from salpchain.paper.report import write_outcome
 from salpchain.paper.results import run_of
@@ -156,3 +161,53 @@ def test_the_page_fits_its_screen_and_can_be_read_in_light_and_dark(
         assert dark == (scheme == "dark")
         assert page.locator("td").first.bounding_box()["width"] > 100
         shoot(page, f"report-{scheme}-{width}")
+
+
+def test_disabled_units_go_from_none_to_half_of_the_training_length_but_never_to_all():
+    for length, most in ((4, 3), (8, 4), (16, 4)):
+        cells = list(disabled.cells_of(8, length))
+        assert [(cell.grade, *cell.worlds) for cell in cells] == [
+            (str(dead), mask) for dead in range(most + 1) for mask in ("one", "each")
+        ]
+        assert [cell.once for cell in cells] == [True, False] * (most + 1)
+        for cell in cells:
+            (world,) = cell.worlds.values()
+            assert round(world.thrusters.dead.low * length) == int(cell.grade)
+    assert disabled.lengths_of(load("paper-gcn-16"), 16) == [8, 16, 24, 32]
+
+
+def test_the_experiment_with_disabled_units_goes_on_and_refuses_other_results(
+    tmp_path, monkeypatch
+):
+    played = []
+
+    def play(policy, trained, trials, seed, progress):
+        played.append(policy.card.name)
+        rows = [
+            {"policy": policy.card.name, "trained": trained, "length": length, "disabled": dead,
+             "mask": mask, "success": trial > dead, "closed_fraction": 1 - dead / 10,
+             "distance_reward": 2.0 - dead}
+            for length in disabled.lengths_of(policy, trained) for dead in range(3)
+            for mask in ("one", "each") for trial in range(trials)
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    monkeypatch.setattr(disabled, "play", play)
+    one, two = load("paper-gcn-8"), load("paper-gt-8")
+    disabled.experiment([one], [8, 16], 5, 0, tmp_path)
+    files = disabled.experiment([one, two], [8, 16], 5, 0, tmp_path)
+    assert played == ["paper-gcn-8", "paper-gt-8"]
+    assert [file.name for file in files] == ["disabled.json", "disabled.png", "disabled.pdf"]
+    cells = read_json(files[0])["cells"]
+    assert len(cells) == 2 * 4 * 3 * 2
+    (cell,) = (
+        c for c in cells if [c[k] for k in ("policy", "length", "disabled", "mask")]
+        == ["paper-gt-8", 16, 2, "each"]
+    )  # fmt: skip
+    assert cell["success"]["mean"] == pytest.approx(2 / 5) and cell["trials"] == 5
+    assert cell["closed_fraction"]["mean"] == pytest.approx(0.8)
+    assert cell["distance_reward"]["mean"] == pytest.approx(0.0)
+    with pytest.raises(InputError, match=r"holds other results .trials 5, 6 asked for"):
+        disabled.experiment([one], [8], 6, 0, tmp_path)
+    with pytest.raises(InputError, match=r"paper-gcn-8 was trained on 8 units, none of .* 16"):
+        disabled.experiment([one], [16], 5, 0, tmp_path)
