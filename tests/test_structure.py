@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "salpchain"
-ROOMS = ["physics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
+ROOMS = ["physics", "dynamics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
 ROOMS += ["interop", "web", "experiments", "paper", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"archive", "compilation_cache", "devices", "errors", "files", "installation"}
