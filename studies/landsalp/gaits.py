@@ -24,7 +24,7 @@ STEPS = 240  # of a cycle (chosen)
 class Cycle(NamedTuple):
     """What one cycle of a gait does."""
 
-    way: Any  # m, between the means of the links' middles
+    way: Float[Array, "2"]  # m, of the mean of the links' middles: along the chain, and across it
     turn: Any  # rad, of the mean direction
     bends: Float[Array, "step joint"]  # rad, joint angles after each step
     change: Float[Array, " joint"]  # rad, from the first to the last
@@ -33,6 +33,11 @@ class Cycle(NamedTuple):
     def largest(self) -> Any:
         """The largest joint angle (rad)."""
         return jnp.abs(self.bends).max()
+
+    @property
+    def length(self) -> Any:
+        """How far it came (m)."""
+        return jnp.sqrt(self.way @ self.way)
 
 
 def speeds(parts: Float[Array, "part unit"], phase: Any) -> Float[Array, " unit"]:
@@ -54,9 +59,11 @@ def cycle(parts: Array, bends: Array, period: Any = PERIOD, steps: int = STEPS) 
         return chain, jnp.diff(robot.directions(chain))
 
     ended, passed = jax.lax.scan(step, begun, jnp.arange(steps))
-    way = ended.units.position.mean(axis=0) - begun.units.position.mean(axis=0)
+    x, y = ended.units.position.mean(axis=0) - begun.units.position.mean(axis=0)
+    axis = robot.directions(begun).mean()
+    way = jnp.stack([jnp.cos(axis) * x + jnp.sin(axis) * y, jnp.cos(axis) * y - jnp.sin(axis) * x])
     turn = (robot.directions(ended) - robot.directions(begun)).mean()
-    return Cycle(jnp.sqrt(way @ way), turn, passed, passed[-1] - bends)
+    return Cycle(way, turn, passed, passed[-1] - bends)
 
 
 def published() -> None:
@@ -86,34 +93,48 @@ def within_rounding() -> Float[Array, "part unit"]:
 
 def _tell(name: str, told: Cycle, period: float = PERIOD) -> None:
     turn, bend = np.degrees(float(told.turn)) / period, np.degrees(float(told.largest))
+    way, (along, across) = 1e3 * float(told.length), np.asarray(told.way)
     print(
-        f"{name:34} {1e3 * float(told.way):.2f} mm in a cycle of {period:.2f} s"
-        f" ({1e3 * float(told.way) / period:.2f} mm/s), turn {turn:.1e} degrees/s, joints at most"
-        f" {bend:.2f} degrees"
+        f"{name:34} {way:.2f} mm in a cycle of {period:.2f} s ({way / period:.2f} mm/s),"
+        f" {np.degrees(np.arctan2(across, along)):.0f} degrees from the chain's axis,"
+        f" turn {turn:.1e} degrees/s, joints at most {bend:.2f} degrees"
     )
 
 
 def search() -> None:
-    """Print the fastest gaits found under the published peak, by bend and number of harmonics."""
+    """Print the fastest gaits found under the published peak, by bend and direction."""
     for bend in (BEND, 45.0):
-        for harmonics in (1, 2):
-            parts, bends, period = fastest(bend, harmonics)
+        for harmonics, same in ((1, True), (2, True), (1, False)):
+            parts, bends, period = fastest(bend, harmonics, same)
             told = jax.jit(partial(cycle, steps=2 * STEPS))(parts, bends, period)
             phases = jnp.linspace(0, 2 * jnp.pi, 1000)
             peak = float(jnp.abs(jax.vmap(partial(speeds, parts))(phases)).max())
-            _tell(f"to {bend:g} degrees, {harmonics} harmonics", told, float(period))
-            print(f"{'':34} peak {peak:.4f} m/s, parts {np.round(np.asarray(parts), 4).tolist()}")
+            where = "same way" if same else "any way"
+            _tell(f"{where}, to {bend:g} degrees, {harmonics} harmonics", told, float(period))
+            grows = np.abs(np.linalg.eigvals(_after(parts, bends, period))).max()
+            print(f"{'':34} peak {peak:.4f} m/s, first bends {np.degrees(bends).round(2).tolist()},")
+            print(f"{'':34} an error of shape is {grows:.2f} times as large a cycle later,")
+            print(f"{'':34} parts {np.round(np.asarray(parts), 4).tolist()}")
 
 
-def fastest(bend: float, harmonics: int, tries: int = 4) -> tuple[Array, Array, Array]:
+def _after(parts: Array, bends: Array, period: Array) -> np.ndarray:
+    """What becomes of a small error of the joints in a cycle: the matrix that it is times."""
+    by = jax.jit(jax.jacfwd(lambda b: cycle(parts, b, period).change + b))(bends)
+    return np.asarray(by)
+
+
+def fastest(
+    bend: float, harmonics: int, same: bool, tries: int = 3
+) -> tuple[Array, Array, Array]:
     """Parts (m/s), first joint angles (rad) and period (s) of the fastest gait found.
 
     Its shape repeats itself and it does not turn; jets stay within the published peak and joints
-    within `bend` (degrees). Sequential quadratic programming from several starts.
+    within `bend` (degrees); it goes the `same` way from the chain's axis as the published one, or
+    any. Sequential quadratic programming from several starts.
     """
     shape = (1 + 2 * harmonics, 3)
     dice, best = np.random.default_rng(harmonics), None
-    problem = _Problem(bend, shape)
+    problem = _Problem(bend, shape, same)
     for number in range(tries):
         start = problem.start(dice, number)
         found = minimize(
@@ -131,10 +152,12 @@ def fastest(bend: float, harmonics: int, tries: int = 4) -> tuple[Array, Array, 
 class _Problem:
     """The search for a gait as numbers of order 1: parts in peaks, angles in bends, period."""
 
-    def __init__(self, bend: float, shape: tuple[int, int]) -> None:
-        self.bend, self.shape = np.radians(bend), shape
+    def __init__(self, bend: float, shape: tuple[int, int], same: bool) -> None:
+        self.bend, self.shape, self.same = np.radians(bend), shape, same
         self.number = shape[0] * shape[1]
-        self._cost = jax.jit(jax.value_and_grad(lambda x: -self._told(x).way / self.gait(x)[2] / 0.01))
+        way = np.asarray(jax.jit(cycle)(jnp.asarray(PUBLISHED), jnp.zeros(2)).way)
+        self.ahead = way / np.linalg.norm(way)
+        self._cost = jax.jit(jax.value_and_grad(self._slowness))
         self._equal, self._equal_by = self._with_slope(self._closed)
         self._least, self._least_by = self._with_slope(self._room)
         self.constraints = [
@@ -169,9 +192,16 @@ class _Problem:
     def _told(self, x: Array) -> Cycle:
         return cycle(*self.gait(x), steps=96)
 
+    def _slowness(self, x: Array) -> Array:
+        """Minus the speed (cm/s)."""
+        told = self._told(x)
+        way = told.way @ self.ahead if self.same else told.length
+        return -way / self.gait(x)[2] / 0.01
+
     def _closed(self, x: Array) -> Array:
         told = self._told(x)
-        return jnp.concatenate([told.change, told.turn[None]])
+        aside = (self.ahead[0] * told.way[1] - self.ahead[1] * told.way[0])[None] / 0.01
+        return jnp.concatenate([told.change, told.turn[None], *([aside] if self.same else [])])
 
     def _room(self, x: Array) -> Array:
         """What is left of the joints' bend and of the jets' peak, and of 2 to 20 s for a cycle."""

@@ -34,7 +34,7 @@ def dense_chain(length, robot):
 
 def rates(robot, length, bends, thrust):
     """q' of the first link's middle, its direction and the joints, told by one tiny step."""
-    tiny = eqx.tree_at(lambda r: r.control_step, robot, 1e-9)
+    tiny = eqx.tree_at(lambda r: r.control_step, robot, 1e-12)
     units = jax.jit(lambda c, u: tiny.advance(c, u).units)(robot.straight(length, bends), thrust)
     turning = np.asarray(units.angular_velocity)
     return np.concatenate([units.velocity[0], turning[:1], np.diff(turning)])
