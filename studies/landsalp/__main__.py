@@ -14,9 +14,14 @@ import jax
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from studies import program
-from studies.landsalp import gaits
+from studies.landsalp import chains, gaits
 
-COMMANDS: dict[str, Callable[[], None]] = {"gait": gaits.published, "search": gaits.search}
+COMMANDS: dict[str, Callable[[], None]] = {
+    "gait": gaits.published,
+    "search": gaits.search,
+    "water": chains.in_water,
+    "long": chains.long,
+}
 
 
 def main() -> None:
