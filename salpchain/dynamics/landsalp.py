@@ -77,7 +77,9 @@ class LandSalp(Dynamics):
         InputError: an invalid constant, named with its unit.
     """
 
-    control_step: Scalar = 0.1 * (LINK / 0.07) * (0.2 / CRUISE)  # s, in which it makes as many links
+    control_step: Scalar = (
+        0.1 * (LINK / 0.07) * (0.2 / CRUISE)
+    )  # s, in which it makes as many links
     substeps: int = eqx.field(default=4, static=True)
     parts: tuple[Part, ...] = eqx.field(default=chain_parts(), static=True)
     joint_drag: tuple[float, ...] = eqx.field(default=(sum(JOINTS) / 2,), static=True)

@@ -169,9 +169,7 @@ class Shape(eqx.Module):
     hinges: Hinges
 
 
-def shape_of(
-    robot: Dynamics, table: Table, direction: Array, rest: Array, joined: Array
-) -> Shape:
+def shape_of(robot: Dynamics, table: Table, direction: Array, rest: Array, joined: Array) -> Shape:
     """The links' directions (rad) as vectors, and the joints between them.
 
     `rest` is how much each unit's angle exceeds that of the unit before at rest, `joined` whether
@@ -264,4 +262,3 @@ def tempo_of(physics: Physics) -> float:
 def settled(physics: Physics, chain: Chain) -> Chain:
     """The chain as these dynamics have it; as it is, of the paper's."""
     return physics.settle(chain) if isinstance(physics, Dynamics) else chain
-

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from salpchain.dynamics.articulated import Hinges, Load, Resistance, Twist, Vectors, solve
-from salpchain.dynamics.landsalp import JETS, JOINTS, LINK, about_middle, fields_of, push_of
+from salpchain.dynamics.landsalp import JETS, LINK, about_middle, fields_of, push_of
 from salpchain.dynamics.robot import Dynamics, Part, Table, joints_of, shape_of
 from salpchain.errors import InputError
 from salpchain.given import told
@@ -288,5 +288,3 @@ def _energy(fixed: Any, own: Any, chain: Chain) -> Array:
     load = _times(_mass(robot, along, chain.present), twist)
     each = load.x * twist.x + load.y * twist.y + load.w * twist.w
     return jnp.where(chain.present, each, 0.0).sum(axis=0) / 2
-
-

@@ -115,7 +115,8 @@ def _as_paper(
         lambda c: (c.units.position, c.units.velocity, c.units.angular_velocity), chain, seen
     )
     sensed = {
-        sense: rows * (tempo / scale) if sense == "water" else rows for sense, rows in sensed.items()
+        sense: rows * (tempo / scale) if sense == "water" else rows
+        for sense, rows in sensed.items()
     }
     return chain, target / scale, sensed
 

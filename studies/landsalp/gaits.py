@@ -112,7 +112,9 @@ def search() -> None:
             where = "same way" if same else "any way"
             _tell(f"{where}, to {bend:g} degrees, {harmonics} harmonics", told, float(period))
             grows = np.abs(np.linalg.eigvals(_after(parts, bends, period))).max()
-            print(f"{'':34} peak {peak:.4f} m/s, first bends {np.degrees(bends).round(2).tolist()},")
+            print(
+                f"{'':34} peak {peak:.4f} m/s, first bends {np.degrees(bends).round(2).tolist()},"
+            )
             print(f"{'':34} an error of shape is {grows:.2f} times as large a cycle later,")
             print(f"{'':34} parts {np.round(np.asarray(parts), 4).tolist()}")
 
@@ -123,9 +125,7 @@ def _after(parts: Array, bends: Array, period: Array) -> np.ndarray:
     return np.asarray(by)
 
 
-def fastest(
-    bend: float, harmonics: int, same: bool, tries: int = 3
-) -> tuple[Array, Array, Array]:
+def fastest(bend: float, harmonics: int, same: bool, tries: int = 3) -> tuple[Array, Array, Array]:
     """Parts (m/s), first joint angles (rad) and period (s) of the fastest gait found.
 
     Its shape repeats itself and it does not turn; jets stay within the published peak and joints

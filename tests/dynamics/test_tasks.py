@@ -74,9 +74,9 @@ def test_a_kind_is_set_in_short_or_in_full():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_kind_does_not_know_is_refused(kind):
-    with pytest.raises(InputError, match=f"kind={kind} knows no world.obstacles"):
+    with pytest.raises(InputError, match=rf"kind={kind} knows no world\.obstacles"):
         WorldConfig(dynamics=DynamicsConfig(kind=kind), obstacles=ObstacleConfig(posts=2.0))
-    with pytest.raises(InputError, match="unknown world.dynamics.kind 'land'"):
+    with pytest.raises(InputError, match=r"unknown world\.dynamics\.kind 'land'"):
         DynamicsConfig(kind="land")
     config = TaskConfig(length=2, fence=True)
     with pytest.raises(InputError, match="the fence holds the paper's chains only"):

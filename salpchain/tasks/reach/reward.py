@@ -44,9 +44,7 @@ class Distances(eqx.Module):
     log: Float[Array, ""]  # of distances in `FINE_SCALE`: see `distances`
 
 
-def distances(
-    chain: Chain, target: Float[Array, "unit 2"], scale: float = 1.0
-) -> Distances:
+def distances(chain: Chain, target: Float[Array, "unit 2"], scale: float = 1.0) -> Distances:
     """Mean distance of the present units to their targets, and its log-compressed counterpart.
 
     The compressed one is half the mean over units of log(1 + distance / scale), which rewards the
@@ -79,9 +77,9 @@ def reward_terms(
 ) -> dict[str, Float[Array, ""]]:
     """The terms of one step, each before its weight, from the potentials before and after it.
 
-    approach: m, decrease of the mean distance to the target (equation 6), `told` by the scale; goal: 1 where the target
-    pose is taken (equation 7); fine: decrease of the log distance (ours, an undiscounted
-    potential).
+    approach: m, decrease of the mean distance to the target (equation 6), `told` by the scale;
+    goal: 1 where the target pose is taken (equation 7); fine: decrease of the log distance (ours,
+    an undiscounted potential).
     """
     return {
         "approach": told(before.mean - after.mean, scale),
