@@ -70,8 +70,8 @@ def whole_jet(across: float = 3.0, along: float = ALONG) -> float:
 class LandSalp(Dynamics):
     """A chain of any length whose jets push: two kinds of links alternate, as in the robot.
 
-    A whole thrust is `jet` newton, that with which a straight chain moves sideways with `cruise`, as
-    the paper's chains do with theirs. `sets_speed` makes it a velocity (m/s) that the wheel is driven with.
+    A whole thrust is `jet` newton, with which a straight chain moves sideways with `cruise`, as the
+    paper's chains do with theirs. `sets_speed` makes it a speed (m/s) that a wheel is driven with.
 
     Raises:
         InputError: an invalid constant, named with its unit.

@@ -1,5 +1,6 @@
 """Chains under constant jets: three links in water held against measured runs, and long ones."""
 
+import time
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,6 +14,10 @@ from salpchain.dynamics.landsalp import LandSalp
 from salpchain.dynamics.robot import Dynamics, Part
 from salpchain.dynamics.water import Water
 from salpchain.physics.state import Chain
+from salpchain.tasks.config import TaskConfig
+from salpchain.tasks.reach.task import SCLD
+from salpchain.world.config import DynamicsConfig, WorldConfig
+from salpchain.world.world import World
 
 SECONDS = 118.0  # of the measured run that turns on the spot
 # Jets of the tail, the middle and the front that push, and what public tracks of a three-unit chain
@@ -28,10 +33,12 @@ RUNS = {
 PUSHES = {
     "jets as LandSalp's": Water.parts,
     "jets along the links": tuple(replace(part, jet=0.0) for part in Water.parts),
+    "and in their middles": tuple(replace(part, jet=0.0, at=(0.0, 0.0)) for part in Water.parts),
 }
 STRONGEST = 1.0  # N, of a jet that is looked for
 LENGTHS = (3, 4, 6, 8, 10, 12, 16, 24, 32, 64)
 STEPS = 200  # control steps of a long chain
+BATCH, TIMED = 256, 10  # chains, and control steps, of a measured time (chosen)
 CROOKED = 0.02  # rad, standard deviation of its joints at first
 
 
@@ -83,7 +90,8 @@ def _held_against(name: str, parts: tuple[Part, ...]) -> None:
     @jax.jit
     def run(jet: Array, thrust: Array) -> Swim:
         water = Water(jet=jet, parts=parts)
-        return swim(water, water.straight(3), thrust, steps)
+        crooked = water.straight(3, jnp.array([CROOKED, -CROOKED]))
+        return swim(water, crooked, thrust, steps)
 
     jets, measured, _ = RUNS["all"]
     low, high = 0.0, STRONGEST
@@ -117,3 +125,26 @@ def long() -> None:
             speed, straight, turn, spread = map(float, row)
             print(f"{length:3} links {speed:.4f} m/s, {straight:.4f} straight, turned"
                   f" {np.degrees(turn):7.0f} degrees, ends {spread:.2f} lengths apart")  # fmt: skip
+
+
+def cost() -> None:
+    """Print the processor time of a control step of chains of several lengths.
+
+    Time of this process on all cores, so that other programs count for nothing.
+    """
+    for length in (16, 32, 64):
+        for name in ("vmas", "landsalp", "water"):
+            config = WorldConfig(dynamics=DynamicsConfig(kind=name))
+            task = SCLD(TaskConfig(length=length), config)
+            keys = jax.random.split(jax.random.key(0), BATCH)
+            chains = jax.jit(jax.vmap(task.reset))(keys).chain
+            world = World(task.world.dynamics)
+            step = jax.jit(jax.vmap(lambda c, u, w=world: w.step(c, u, contact=False)))
+            thrust = jax.random.uniform(keys[0], (BATCH, length), minval=-1.0)
+            chains = jax.block_until_ready(step(chains, thrust))
+            begun = time.process_time()
+            for _ in range(TIMED):
+                chains = step(chains, thrust)
+            jax.block_until_ready(chains)
+            each = (time.process_time() - begun) / (TIMED * BATCH)
+            print(f"{length:3} units, {name:8} {1e6 * each:6.1f} us a chain and step", flush=True)

@@ -68,6 +68,11 @@ def cycle(parts: Array, bends: Array, period: Any = PERIOD, steps: int = STEPS) 
 
 def published() -> None:
     """Print what the published gait does, as it was printed and within the rounding of that."""
+    with jax.enable_x64(True):
+        _tell_published()
+
+
+def _tell_published() -> None:
     run = jax.jit(cycle)
     _tell("as published, from straight", run(jnp.asarray(PUBLISHED), jnp.zeros(2)))
     parts = within_rounding()
@@ -103,6 +108,11 @@ def _tell(name: str, told: Cycle, period: float = PERIOD) -> None:
 
 def search() -> None:
     """Print the fastest gaits found under the published peak, by bend and direction."""
+    with jax.enable_x64(True):
+        _tell_found()
+
+
+def _tell_found() -> None:
     for bend in (BEND, 45.0):
         for harmonics, same in ((1, True), (2, True), (1, False)):
             parts, bends, period = fastest(bend, harmonics, same)
