@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "salpchain"
-ROOMS = ["physics", "world", "tasks", "networks", "controllers", "evaluation", "training", "report"]
-ROOMS += ["interop", "web", "experiments", "paper", "cli"]
+ROOMS = ["physics", "dynamics", "world", "tasks", "networks", "controllers", "evaluation"]
+ROOMS += ["training", "report", "interop", "web", "experiments", "paper", "cli"]
 # Files at the bottom, importable by all.
 GROUND = {"archive", "compilation_cache", "devices", "errors", "files", "installation"}
 GROUND |= {"machine", "trees"}

@@ -65,6 +65,11 @@ def run(options: Live) -> None:
     if not 0 <= port < 65536:
         raise InputError(f"--port must be 0 to 65535, got {port}")
     world = changed_world(world_config(options.world), options.set)
+    if world.dynamics.kind != "vmas":
+        raise InputError(
+            f"the live page shows the paper's chains, not those of {world.dynamics.kind}: leave"
+            " world.dynamics.kind out"
+        )
     origins = _origins(options.allow_origin)
     _check_policy(options.policy)
     try:

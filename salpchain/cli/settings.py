@@ -18,6 +18,7 @@ from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.run_folder import CONFIG_FILE, FORMAT, check_run
 from salpchain.training.settings import (
     SETTINGS,
+    SHORT,
     check_path,
     checked,
     compose,
@@ -105,6 +106,7 @@ def _flattened(content: Any, above: str = "") -> dict[str, Any]:
     values: dict[str, Any] = {}
     for name, value in content.items():
         path = f"{above}.{name}" if above else name
+        path = SHORT.get(path, path) if isinstance(value, str) else path
         values |= _flattened(value, path) if path in TABLES else {path: value}
     return values
 

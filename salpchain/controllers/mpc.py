@@ -21,7 +21,6 @@ from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.errors import InputError
 from salpchain.files import StrPath
 from salpchain.given import instance, is_scalar, told, whole
-from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, Physics
 from salpchain.switches import standard_promotion
 from salpchain.tasks.checks import check_state
@@ -29,6 +28,7 @@ from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
+from salpchain.world.world import World
 
 PLAN_STREAM = 2  # sets a planner's random numbers apart from those of the episode (chosen)
 AWAY = 0.5  # cost of each control step before the goal, beside the log distance (chosen)
@@ -162,7 +162,7 @@ class MPC(eqx.Module):
 
         def swim(carry: tuple[Chain, Array], thrust: Array) -> tuple[tuple[Chain, Array], Array]:
             chain, done = carry
-            chain = step(chain, thrust, self.physics)
+            chain = World(self.physics).step(chain, thrust)
             done |= reached(chain, state.target)
             return (chain, done), jnp.where(done, 0.0, distances(chain, state.target).log + AWAY)
 

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.checks import LONGEST
+from salpchain.dynamics.robot import scale_of
 from salpchain.evaluation.limits import WHOLE, Means, fewest_steps, reachable, steps_to_turn
 from salpchain.physics.state import Chain, Scalar, wrap
 from salpchain.tasks.config import STEPS_PER_UNIT
@@ -33,7 +34,8 @@ class Start(eqx.Module):
 def start_of(env: Task, state: State) -> Start:
     """The difficulty of an episode that has just begun."""
     chain, target, length = state.chain, state.target, state.length
-    limit, tolerance = env.step_limit(length), env.config.tolerance
+    limit = env.step_limit(length)
+    tolerance = env.config.tolerance * scale_of(env.physics)
     turn, bend = _turn_and_bend(chain, target)
     world = env.world_of(state)
     physics, (means, known) = world.dynamics, _means(world, chain)

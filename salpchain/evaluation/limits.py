@@ -4,6 +4,9 @@ Joints and contact push both bodies alike, so only thrust and drag move the cent
 units and links. Drag multiplies its velocity by 1 - drag once at the start of a control step; the
 thrusts, at most one newton each, then add to it in every substep, before the position moves. Drag
 is relative to the water, which carries a chain along.
+
+Other dynamics (`salpchain.dynamics`) tell their own top speed, which bounds the way of the units'
+centroid from the first moment on: less sharp, but never too low.
 """
 
 from collections.abc import Callable
@@ -14,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from salpchain.dynamics.robot import Dynamics
 from salpchain.physics.state import Chain, Physics, Scalar
 
 MOST_THRUST = 1.0  # N, of a unit
@@ -41,6 +45,8 @@ def top_speed(physics: Physics, length: int | Array) -> Scalar:
     v = (1 - drag) v + a T in the steady state, a the acceleration and T the control step.
     Infinite without drag.
     """
+    if isinstance(physics, Dynamics):
+        return physics.top_speed(length)
     if isinstance(physics.drag, int | float) and physics.drag == 0:
         return float("inf")
     return acceleration(physics, length) * physics.control_step / physics.drag
@@ -48,6 +54,8 @@ def top_speed(physics: Physics, length: int | Array) -> Scalar:
 
 def cruising_speed(physics: Physics, length: int | Array) -> Scalar:
     """Mean speed (m/s) over a control step in the steady state of full thrust."""
+    if isinstance(physics, Dynamics):
+        return physics.top_speed(length)
     gain = acceleration(physics, length) * physics.control_step
     return (1 - physics.drag) * top_speed(physics, length) + gain * _mean_of_ramp(physics)
 
@@ -59,6 +67,8 @@ def distance_covered(physics: Physics, length: int | Array, steps: int | Array) 
     the chain moves T (1 - drag) v_(j-1) + a T^2 (S + 1) / (2 S), where v_j is a T times the sum
     of (1 - drag)^i over i < j.
     """
+    if isinstance(physics, Dynamics):
+        return steps * physics.control_step * physics.top_speed(length)
     return _covered(physics, acceleration(physics, length), steps)
 
 
@@ -68,6 +78,8 @@ def angle_turned(physics: Physics, length: int | Array, steps: int | Array) -> S
     All units thrust one way round its middle. Drag slows turning as it slows swimming, so the
     angle grows as the distance covered does.
     """
+    if isinstance(physics, Dynamics):
+        return steps * physics.control_step * physics.top_spin(length)
     link, squares = physics.link_length, length * (length**2 - 1) / 12  # of units' places, in links
     torque = MOST_THRUST * link * (length**2 // 4)
     units = length * physics.unit_inertia + physics.unit_mass * link**2 * squares
@@ -91,6 +103,8 @@ def centroid_slack(physics: Physics, length: int | Array) -> Scalar:
     halfway between them, farthest when the chain is folded like a hairpin: about an eighth of a
     link, at any length.
     """
+    if isinstance(physics, Dynamics):
+        return 0.0
     hairpin = _bond(physics, length) * ((length - 1) ** 2 // 2) / (2 * length)
     shift = hairpin + (length - 1) * physics.softness
     return physics.link_mass * shift / _mass(physics, length)
@@ -115,6 +129,8 @@ def drift(physics: Physics, steps: int | Array) -> Scalar:
 
     Relative to the water the chain is as fast at first as the water, and loses that as all else.
     """
+    if isinstance(physics, Dynamics):
+        return physics.control_step * steps
     keep = 1 - physics.drag
     lost = jnp.where(keep == 1, 1.0, 1 - keep)
     caught_up = jnp.where(keep == 1, steps, keep * (1 - keep**steps) / lost)
@@ -150,6 +166,8 @@ def reachable(
 
 def _own_way(physics: Physics, length: Any, means: Means, steps: int | Array) -> Scalar:
     """Farthest (m) that thrust and stirred water move the centre of mass in any one direction."""
+    if isinstance(physics, Dynamics):
+        return distance_covered(physics, length, steps) + means.stir * drift(physics, steps)
     thrust = means.thrust * acceleration(physics, length)
     return _covered(physics, thrust, steps) + means.stir * drift(physics, steps)
 
@@ -229,6 +247,8 @@ def _first(covered: Callable[[Array], Any], way: Float[Array, ""], most: int) ->
 
 def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
     """The centre of mass of all units and links (m)."""
+    if isinstance(physics, Dynamics):
+        return _mean(chain, chain.units.position)
     present, joined = chain.present[:, None], chain.joined[:, None]
     units = physics.unit_mass * jnp.where(present, chain.units.position, 0.0).sum(axis=0)
     links = physics.link_mass * jnp.where(joined, chain.links.position, 0.0).sum(axis=0)
@@ -242,6 +262,8 @@ def _mean(chain: Chain, points: Float[Array, "unit 2"]) -> Float[Array, "2"]:
 
 def _bond(physics: Physics, length: int | Array) -> Scalar:
     """Longest (m) that a link gets with its two joints, each pulled by half the chain's thrust."""
+    if isinstance(physics, Dynamics):
+        return physics.link_length
     give = length * MOST_THRUST / (2 * physics.joint_stiffness) + physics.softness
     return physics.link_length + 2 * give
 

@@ -16,13 +16,13 @@ from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from salpchain.devices import AXIS, mesh_of
-from salpchain.physics.chain import step
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.renew import renew_done
 from salpchain.tasks.state import State
 from salpchain.world.config import WorldConfig
 from salpchain.world.randomise import as_world
+from salpchain.world.world import World
 
 TARGET_SECONDS = 0.4  # of one timed run (chosen)
 FIRST_STEPS = 8  # of the run that tells how many fill the target (chosen)
@@ -53,7 +53,7 @@ def environment(env: SCLD, states: State, action: Array) -> State:
 
 def physics(env: SCLD, states: State, action: Array) -> State:
     """The physics alone."""
-    move = partial(step, physics=env.physics, contact=env.config.contact)
+    move = partial(World(env.physics).step, contact=env.config.contact)
     chain = jax.vmap(move)(states.chain, action[..., 0])
     return eqx.tree_at(lambda s: s.chain, states, chain)
 

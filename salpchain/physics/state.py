@@ -46,6 +46,8 @@ class Chain(eqx.Module):
     touching: Bool[Array, ""]  # whether some two units pushed each other in the last control step
     # Whether an obstacle pushed a unit in the last control step; None is not recorded and not paid.
     blocked: Bool[Array, ""] | None = None
+    # Of jets that remember: share of the whole push now, and how full each is. None: they do not.
+    jets: Float[Array, "unit 2"] | None = None
 
     @property
     def joined(self) -> Bool[Array, "link *batch"]:

@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from salpchain.dynamics.robot import scale_of, tempo_of
 from salpchain.physics import derivatives
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.derivatives import direction
@@ -96,7 +98,27 @@ def observe(
     around = Around(World(), 0) if around is None else around
     wanted = dict.fromkeys(sense for feature in observation for sense in feature.senses)
     sensed = {sense: SENSES[sense](chain, around) for sense in wanted}
+    scale, tempo = scale_of(around.world.dynamics), tempo_of(around.world.dynamics)
+    if (scale, tempo) != (1.0, 1.0):
+        chain, target, sensed = _as_paper(chain, target, sensed, scale, tempo)
     return jnp.tile(_observe(observation, chain, target, force, sensed), (1, readings(name)[1]))
+
+
+def _as_paper(
+    chain: Chain, target: Array, sensed: dict[str, Array], scale: float, tempo: float
+) -> tuple[Chain, Array, dict[str, Array]]:
+    """What is observed in lengths of a link and times of its way, told as if it were the paper's:
+    so the numbers that a policy sees are of the size that they have there."""
+    units = chain.units
+    seen = units.position / scale, units.velocity * (tempo / scale), units.angular_velocity * tempo
+    chain = eqx.tree_at(
+        lambda c: (c.units.position, c.units.velocity, c.units.angular_velocity), chain, seen
+    )
+    sensed = {
+        sense: rows * (tempo / scale) if sense == "water" else rows
+        for sense, rows in sensed.items()
+    }
+    return chain, target / scale, sensed
 
 
 def with_history(

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.checks import LONGEST
+from salpchain.dynamics.robot import scale_of
 from salpchain.given import instance
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.state import Chain, Physics, heading
@@ -202,11 +203,11 @@ class Task(eqx.Module):
         world = with_obstacles(world, jr.fold_in(key, OBSTACLE_STREAM), chain, target)
         zero, no = jnp.zeros(()), jnp.zeros((), bool)
         thrust, force = jnp.zeros_like(chain.units.angle), jnp.zeros_like(target)
-        now, senses = distances(chain, target), None
+        now, senses = distances(chain, target, scale_of(self.physics)), None
         if world.sensing is not None:
             senses = world.sensing.start(_change_key(key, SENSE_STREAM, 0), chain, self.action_size)
         return State(
-            chain=chain,
+            chain=world.ready(chain),
             target=target,
             thrust=thrust,
             force=force,
@@ -246,7 +247,7 @@ class Task(eqx.Module):
         chain, thrust, fence = self._swim(world, state, action, moving)
         force = thrust[:, None] * heading(state.chain.units.angle)
         target, plan = checked_move(self, self.move(state), state)
-        now = distances(chain, target)
+        now = distances(chain, target, scale_of(self.physics))
         judged = self.judge(state, Moment(chain, target, now, ~invalid))
         terms, ended = checked_judgement(self, judged)
         world, senses = _later(world, senses, chain, state.key, time)

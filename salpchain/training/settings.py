@@ -27,6 +27,7 @@ from salpchain.world.presets import as_config, world_config
 if TYPE_CHECKING:
     from salpchain.tasks.task import Task
 
+SHORT = {"world.dynamics": "world.dynamics.kind"}  # paths that stand for longer ones
 ONE_LENGTH = {"mix.lengths": (), "mix.weights": (), "mix.grow": 0.0}
 VARIANTS = ("model", "graph")  # of the controller, for which a preset may have values of its own
 BOOLS = {"true": True, "false": False}
@@ -171,6 +172,7 @@ def typed(sets: Sequence[str], task: str | None = None) -> dict[str, Any]:
     task = (named or [task or TaskConfig.name])[0]
     for text in sets:
         path, equals, value = text.partition("=")
+        path = SHORT.get(path, path)
         if not equals:
             raise InputError(f"--set must be like ppo.learning_rate=1e-3, got {text!r}")
         if path in values:
@@ -322,6 +324,7 @@ def preset(
     asked = {"preset": name, "control.model": model, "control.graph": graph, "seed": seed}
     asked["task.name"] = None if task is None else name_of(task)
     values = {path: value for path, value in asked.items() if value is not None}
+    settings = {SHORT.get(path, path): value for path, value in settings.items()}
     kind = task_of({**values, **settings})
     above = {path: checked(path, value, kind) for path, value in settings.items()}
     config = elsewhere(compose(overlay({**values, **lengths}, above)), None, world)

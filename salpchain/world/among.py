@@ -50,7 +50,7 @@ def _chosen(values: Sequence[Any], which: Which | Callable[[str], Which], path: 
         return Chosen(low, high, max(value.most for value in values))
     if isinstance(first, bool):
         return jnp.asarray(values)[which(path) if callable(which) else which]
-    if isinstance(first, str):
+    if path == "world.name":
         return first
     if not is_dataclass(first):
         raise ValueError(f"worlds of one program must agree in {path}, got {first!r} in one")

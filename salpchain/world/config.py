@@ -7,7 +7,7 @@ from dataclasses import Field, dataclass, field, fields, replace
 from math import isfinite
 from typing import Any
 
-from salpchain.checks import is_number
+from salpchain.checks import is_number, one_of
 from salpchain.errors import InputError
 from salpchain.given import instance, told
 from salpchain.ranges import Range, as_range
@@ -47,8 +47,19 @@ class DynamicsConfig:
     drag: Range = ONE
     stiffness: Range = ONE  # of the joints, against stretching and bending
     substeps: int = 1  # a whole multiple; the same in every episode
+    kind: str = "vmas"  # or another of `KINDS`
+    across: float = 3.0  # drag across a link over drag along it, of landsalp
+    spring: float = 0.0  # N m for each rad that a joint is bent, of landsalp and water
 
     def __post_init__(self) -> None:
+        one_of("world.dynamics.kind", self.kind, KINDS)
+        for name, low, high in (("across", 0.1, 100.0), ("spring", 0.0, 10.0)):
+            value = getattr(self, name)
+            if not (is_number(value) and low <= value <= high):
+                raise InputError(
+                    f"world.dynamics.{name} must be a number, {low:g} to {high:g}, got"
+                    f" {told(value)}"
+                )
         for name in ("mass", "stiffness"):
             _check(self, name, 0.05, 20.0)
         _check(self, "drag", 0.0, 3.9)
@@ -60,6 +71,7 @@ class DynamicsConfig:
             )
 
 
+KINDS = ("vmas", "landsalp", "water")  # the paper's world, a robot on wheels, one in water
 MOST_SUBSTEPS = 20  # times those of the paper (chosen)
 
 
@@ -199,6 +211,28 @@ class WorldConfig:
         for part in self._parts:
             kind: Any = part.default_factory
             instance(kind.ROOM, getattr(self, part.name), kind, f"a {kind.__name__}")
+        self._check_dynamics()
+
+    def _check_dynamics(self) -> None:
+        """Raise InputError unless these dynamics know all that the world holds."""
+        kind, plain = self.dynamics.kind, WorldConfig.plain
+        wrong = {
+            "obstacles": kind != "vmas" and self.obstacles != plain("obstacles"),
+            "current": kind == "landsalp" and self.current != plain("current"),
+            "dynamics.mass": kind == "landsalp" and self.dynamics.mass != ONE,
+            "dynamics.drag below 0.05": kind != "vmas" and self.dynamics.drag.low < 0.05,
+        }
+        for name, is_wrong in wrong.items():
+            if is_wrong:
+                raise InputError(
+                    f"world.dynamics.kind={kind} knows no world.{name}: leave that out"
+                )
+
+    @classmethod
+    def plain(cls, part: str) -> Any:
+        """A part of the settings as it is in still water."""
+        kind: Any = next(one for one in fields(cls) if one.name == part).default_factory
+        return kind()
 
     @property
     def is_still(self) -> bool:

@@ -11,11 +11,15 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from salpchain.dynamics.landsalp import LandSalp, chain_parts
+from salpchain.dynamics.robot import Dynamics
+from salpchain.dynamics.water import Water
 from salpchain.given import instance
 from salpchain.physics.state import Chain, Physics, Scalar, at_rest
 from salpchain.ranges import Range
 from salpchain.world.among import Chosen, chosen
 from salpchain.world.config import (
+    ONE,
     CurrentConfig,
     DynamicsConfig,
     SensingConfig,
@@ -73,7 +77,7 @@ def _sparing(config: WorldConfig, key: PRNGKeyArray, ease: Scalar | None) -> Wor
         return spared.astype(jnp.int32)
 
     kept = {name: getattr(config, name) for name in ("name", "obstacles", "spared")}
-    dynamics = DynamicsConfig(substeps=config.dynamics.substeps)
+    dynamics = replace(config.dynamics, mass=ONE, drag=ONE, stiffness=ONE)
     jets = config.thrusters if config.thrusters.one_sided_share < 1 else ThrusterConfig()
     thrusters = ThrusterConfig(
         one_sided=jets.one_sided, one_sided_share=config.thrusters.one_sided_share
@@ -143,6 +147,8 @@ def _rounded(number: Any) -> Any:
 def _dynamics(config: DynamicsConfig, key: PRNGKeyArray) -> Physics:
     plain, keys = Physics(), jr.split(key, 3)
     substeps = config.substeps * plain.substeps
+    if config.kind != "vmas":
+        return _robot(config, keys)
 
     def times(value: Scalar, given: Range | Chosen, key: PRNGKeyArray) -> Any:
         return value if given == Range(1.0, 1.0) else value * _drawn(key, given)
@@ -155,6 +161,18 @@ def _dynamics(config: DynamicsConfig, key: PRNGKeyArray) -> Physics:
         angle_stiffness=times(plain.angle_stiffness, config.stiffness, keys[2]),
         substeps=substeps,
     )
+
+
+def _robot(config: DynamicsConfig, keys: PRNGKeyArray) -> Dynamics:
+    mass, drag, stiffness = (
+        _drawn(key, given)
+        for key, given in zip(keys, (config.mass, config.drag, config.stiffness), strict=True)
+    )
+    alike: dict[str, Any] = {"thickness": drag, "angle_stiffness": config.spring * stiffness}
+    if config.kind == "landsalp":
+        parts = chain_parts(config.across)
+        return LandSalp(parts=parts, substeps=config.substeps * LandSalp.substeps, **alike)
+    return Water(inertia=mass, substeps=config.substeps * Water.substeps, **alike)
 
 
 def _direction(key: PRNGKeyArray) -> Float[Array, "2"]:

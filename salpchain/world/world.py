@@ -5,6 +5,7 @@ from typing import Any
 import equinox as eqx
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from salpchain.dynamics.robot import Dynamics
 from salpchain.errors import InputError
 from salpchain.given import instance, is_scalar, told
 from salpchain.physics.chain import step
@@ -42,6 +43,8 @@ class World(eqx.Module):
                 instance(f"World.{name}", part, kind, f"a {kind.__name__}, or None")
         if self.ease is not None and not is_scalar(self.ease):
             raise InputError(f"World.ease must be a number, or None, got {told(self.ease)}")
+        if self.obstacles is not None and isinstance(self.dynamics, Dynamics):
+            raise InputError("walls and posts push the paper's chains only: leave obstacles out")
 
     def thrust(
         self, asked: Float[Array, " unit"], before: Float[Array, " unit"], time: Int[Array, ""]
@@ -58,10 +61,22 @@ class World(eqx.Module):
         fence: Any = None,
         contact: bool = True,
     ) -> Chain:
-        """The chain one control step later, under the thrusts (N) that act."""
+        """The chain one control step later, under the thrusts (N) that act.
+
+        Raises:
+            InputError: a fence, where other dynamics than the paper's move the chain.
+        """
+        if isinstance(self.dynamics, Dynamics):
+            if fence is not None:
+                raise InputError("the fence holds the paper's chains only: set task.fence=false")
+            return self.dynamics.advance(chain, thrust, self.current)
         if self.current is not None:
             chain = carried(chain, self.current, self.dynamics)
         return step(chain, thrust, self.dynamics, fence, contact, self.obstacles)
+
+    def ready(self, chain: Chain) -> Chain:
+        """The chain with what the dynamics remember of it, before its first step."""
+        return self.dynamics.ready(chain) if isinstance(self.dynamics, Dynamics) else chain
 
     def advance(self, key: PRNGKeyArray) -> "World":
         """The world one control step later: with the current that it has then."""

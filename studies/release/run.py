@@ -81,7 +81,18 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
     yield preset(length="2..16", settings={**ROUGH, **LARGE, **begin[2], "steps": 20_000_000})
 
 
+def any_length_landsalp() -> TrainConfig:
+    """`any_length` on the ground: hinged links whose drag is three times as large across."""
+    mix = any_length().mix
+    settings = {"world.dynamics.kind": "landsalp", "task.time_limit": LIMIT, "steps": 30_000_000}
+    return preset(length="2..16", settings={**settings, "mix.weights": mix.weights})
+
+
 RECIPES = {
+    "any-length-landsalp": (
+        alone(any_length_landsalp),
+        "one controller for chains on the ground, trained on 2 to 16 units",
+    ),
     "any-water": (any_water, "one controller for rough water, trained on 2 to 16 units"),
     "any-length": (alone(any_length), "one controller for every length, trained on 2 to 16 units"),
     **{

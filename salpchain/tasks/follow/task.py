@@ -9,8 +9,10 @@ import jax.random as jr
 import numpy as np
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from salpchain.dynamics.robot import tempo_of
 from salpchain.physics.state import Physics
 from salpchain.tasks.follow.config import FollowConfig
+from salpchain.tasks.reach.reward import told
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import Judgement, Moment, Start, State
 
@@ -67,7 +69,8 @@ class Follow(SCLD):
         path = state.plan
         if path is None:
             return state.target, None
-        step = self.config.speed * self.world_of(state).dynamics.control_step
+        physics = self.world_of(state).dynamics
+        step = self.config.speed * (self.scale / tempo_of(physics)) * physics.control_step
         curvature = self.config.turning * jnp.sin(jnp.asarray(WAVES) * path.way + path.phase).mean()
         direction = path.direction + curvature * step / path.length
         ahead = jnp.stack([jnp.cos(direction), jnp.sin(direction)])
@@ -82,8 +85,9 @@ class Follow(SCLD):
     def judge(self, before: State, after: Moment) -> Judgement:
         """How much nearer the chain came, and how close it is: 1 at the target, 0.37 at 5 cm."""
         now, was = after.distances, before.distances
-        close = jnp.exp(-now.mean / CLOSE)
-        terms = {"approach": was.mean - now.mean, "close": close, "fine": was.log - now.log}
+        close = jnp.exp(-now.mean / (CLOSE * self.scale))
+        approach = told(was.mean - now.mean, self.scale)
+        terms = {"approach": approach, "close": close, "fine": was.log - now.log}
         return Judgement(terms, jnp.zeros((), bool))
 
     def gauge(self, state: State) -> dict[str, Float[Array, ""]]:
@@ -94,18 +98,20 @@ class Follow(SCLD):
         """Mean and 95th percentile of the distance (m) and shares of the time close to the target.
 
         All from the first control step on in which the mean distance is at most 10 cm; a chain that
-        never comes so near has no distances, and was close for no time.
+        never comes so near has no distances, and was close for no time. Where links are longer
+        than the paper's, so are these 5 and 10 cm.
         """
+        close, near_by = CLOSE * self.scale, NEAR * self.scale
         distance = np.asarray(series["distance"], float)
-        near = np.flatnonzero(distance <= NEAR)
+        near = np.flatnonzero(distance <= near_by)
         since = distance[near[0] :] if len(near) else distance[:0]
         return {
             "approached": float(len(near) > 0),
             "steps_to_approach": float(near[0] + 1) if len(near) else np.nan,
             "tracking_distance": float(since.mean()) if len(since) else np.nan,
             "tracking_distance_p95": float(np.percentile(since, 95)) if len(since) else np.nan,
-            "within_5cm": float((since <= CLOSE).mean()) if len(since) else 0.0,
-            "within_10cm": float((since <= NEAR).mean()) if len(since) else 0.0,
+            "within_5cm": float((since <= close).mean()) if len(since) else 0.0,
+            "within_10cm": float((since <= near_by).mean()) if len(since) else 0.0,
         }
 
     def is_scored(self, state: State) -> Bool[Array, ""]:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from salpchain.dynamics.robot import Dynamics, scale_of, settled
 from salpchain.physics.state import Chain, Physics, Scalar, at_rest
 
 LINK: float = Physics.link_length  # m, of the default physics  # pyright: ignore[reportAssignmentType]
@@ -51,13 +52,15 @@ class Bend(NamedTuple):
 
 def spawn(draw: Draw, slots: int, length: int | Array, physics: Physics = PAPER) -> Chain:
     """A straight chain at rest near the origin, in a random direction; slots past `length` dead."""
-    first = _between(-SPAWN, SPAWN, draw.spawn)
+    reach = SPAWN * scale_of(physics)
+    first = _between(-reach, reach, draw.spawn)
     angle = _between(0.0, 2 * jnp.pi, draw.angle)
     along = physics.link_length * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     slot = jnp.arange(slots)
     present = slot < length
     position = first + slot[:, None] * along
-    return at_rest(position, jnp.full(slots, angle), present, present[1:])
+    chain = at_rest(position, jnp.full(slots, angle), present, present[1:])
+    return settled(physics, chain)
 
 
 def target_pose(
@@ -67,12 +70,20 @@ def target_pose(
     link = physics.link_length
     first = _sign(draw.sign) * _between(1.0, 2.0, draw.distance) * length * link
     turn = _between(0.0, 2 * jnp.pi, draw.turn)
-    return first + curve(random_bend(draw, length), turn, slots, length, link)
+    bend = random_bend(draw, length, scale_of(physics))
+    if not isinstance(physics, Dynamics):
+        return first + curve(bend, turn, slots, length, link)
+    ends = first + curve(bend, turn, slots + 1, length, link)
+    return (ends[1:] + ends[:-1]) / 2  # the middles of hinged links, which such a chain can take
 
 
-def random_bend(draw: Draw, length: int | Array) -> Bend:
-    """Radius uniform in 0.05 to 0.3 m times max(1, n // 3), either turn, one arc or two."""
-    radius = _between(*RADIUS, draw.radius) * jnp.maximum(1, length // 3)
+def random_bend(draw: Draw, length: int | Array, scale: float = 1.0) -> Bend:
+    """Radius uniform in 0.05 to 0.3 m times max(1, n // 3), either turn, one arc or two.
+
+    `scale` times these where links are so many times as long.
+    """
+    low, high = (scale * radius for radius in RADIUS)
+    radius = _between(low, high, draw.radius) * jnp.maximum(1, length // 3)
     return Bend(radius, _sign(draw.left), jnp.where(draw.double < 0.5, 1.0, 0.0))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, PRNGKeyArray
 
+from salpchain.dynamics.robot import scale_of, settled
 from salpchain.physics.batching import where
 from salpchain.physics.state import Chain, Physics
 from salpchain.tasks.reach.folds import folded, stalled
@@ -25,6 +26,11 @@ class SCLD(Task):
         """The paper's reward, and the shaping term by its weight (equations 6 and 7)."""
         return {"approach": 1.0, "goal": 1.0, "fine": self.config.fine_weight}
 
+    @property
+    def scale(self) -> float:
+        """How many times longer links are than the paper's: 1 of the paper's own dynamics."""
+        return scale_of(self.physics)
+
     def begin(
         self, key: PRNGKeyArray, draw_key: PRNGKeyArray, length: int | Array, physics: Physics
     ) -> Start:
@@ -33,7 +39,7 @@ class SCLD(Task):
         chain = spawn(chance, slots, length, physics)
         target = target_pose(chance, slots, length, physics)
         if self.config.folded + self.config.stalled > 0:
-            chain = self._folded(key, chain, target, length, physics)
+            chain = settled(physics, self._folded(key, chain, target, length, physics))
         return Start(chain, target)
 
     def _folded(
@@ -53,13 +59,15 @@ class SCLD(Task):
 
     def judge(self, before: State, after: Moment) -> Judgement:
         """The reward terms; the episode ends once the target pose is taken."""
-        goal = reached(after.chain, after.target, self.config.tolerance) & after.valid
-        return Judgement(reward_terms(before.distances, after.distances, goal), goal)
+        tolerance = self.config.tolerance * self.scale
+        goal = reached(after.chain, after.target, tolerance) & after.valid
+        return Judgement(reward_terms(before.distances, after.distances, goal, self.scale), goal)
 
     def credit(self, before: State, after: State) -> Float[Array, " unit"]:
         """How much more each unit drew near to its own target point than the mean unit did."""
-        return own_progress(before.chain, after.chain, after.target, self.config.fine_weight)
+        fine = self.config.fine_weight
+        return own_progress(before.chain, after.chain, after.target, fine, self.scale)
 
     def is_scored(self, state: State) -> Bool[Array, ""]:
         """False for episodes that start on their target, as stalled ones may."""
-        return state.start_distance > self.config.tolerance
+        return state.start_distance > self.config.tolerance * self.scale

@@ -1,0 +1,36 @@
+"""Robots that exist: python -m studies.landsalp gait | search | water | long | cost
+
+gait    the gait that was published for LandSalp's three links: way, turn and bend of a cycle
+search  gaits found by optimisation under the same jets, with joints to 10.4 and to 45 degrees
+water   three links in water, identified on one measured run and held against the others
+long    chains of 3 to 64 links under equal jets, on the ground and in water
+cost    processor time of a control step, beside that of the paper's chains
+"""
+
+import sys
+from collections.abc import Callable
+
+from salpchain.devices import use_devices
+from salpchain.errors import InputError
+from studies import program
+from studies.landsalp import chains, gaits
+
+COMMANDS: dict[str, Callable[[], None]] = {
+    "gait": gaits.published,
+    "search": gaits.search,
+    "water": chains.in_water,
+    "long": chains.long,
+    "cost": chains.cost,
+}
+
+
+def main() -> None:
+    """Does what the command line names."""
+    if len(sys.argv) != 2 or sys.argv[1] not in COMMANDS:
+        raise InputError(f"name what to do: {', '.join(COMMANDS)}")
+    use_devices(1)
+    COMMANDS[sys.argv[1]]()
+
+
+if __name__ == "__main__":
+    program("landsalp", main, __doc__)
