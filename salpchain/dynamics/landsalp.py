@@ -193,8 +193,9 @@ def _drifted(fixed: Any, own: Any, chain: Chain, thrust: Array) -> list[Array]:
     place = Vectors(chain.units.position[:, 0], chain.units.position[:, 1])
     direction = chain.units.angle - table.mount
     still = Twist(*[jnp.zeros_like(thrust)] * 3)
-    state = jax.lax.fori_loop(0, robot.substeps, substep, (direction, place, still))
-    return fields_of(robot, *state, joints)
+    start = direction, place, still
+    direction, place, twist = jax.lax.fori_loop(0, robot.substeps, substep, start)
+    return fields_of(robot, direction, place, twist, joints)
 
 
 def fields_of(
