@@ -159,7 +159,7 @@ def _tell_glide(bend: float) -> None:
     ways = np.einsum("nij,nj->ni", by[:, :2], jets)
     best = np.linalg.norm(ways, axis=1).argmax()
     shape, jet, small = at[best], jets[best], 1e-5
-    sides = np.array([shape + small * d for d in ((1, 0), (-1, 0), (0, 1), (0, -1))])
+    sides = shape + small * np.array([(1, 0), (-1, 0), (0, 1), (0, -1)])
     rates = _responses(sides)[:, 3:] @ jet
     slopes = np.stack([rates[0] - rates[1], rates[2] - rates[3]], axis=1) / (2 * small)
     print(
