@@ -122,7 +122,7 @@ class LandSalp(Dynamics):
         return self.jet * speed / (1.0 if self.sets_speed else self.thickness)
 
     def top_spin(self, length: int | Array) -> Scalar:
-        """Rate (rad/s) that no chain that stays straight exceeds, by the same balance of power."""
+        """Rate of turning (rad/s) that no straight chain exceeds, by the same balance of power."""
         free = max(self._free(part) for part in self.parts)
         least = min(min(part.drag[:2]) for part in self.parts)
         squares = self.link_length**2 * (length**2 - 1) / 12
