@@ -194,7 +194,8 @@ def _drifted(fixed: Any, own: Any, chain: Chain, thrust: Array) -> list[Array]:
     direction = chain.units.angle - table.mount
     still = Twist(*[jnp.zeros_like(thrust)] * 3)
     state = jax.lax.fori_loop(0, robot.substeps, substep, (direction, place, still))
-    return fields_of(robot, *state, joints)
+    direction, place, twist = state
+    return fields_of(robot, direction, place, twist, joints)
 
 
 def fields_of(
