@@ -211,10 +211,10 @@ def fastest(bend: float, harmonics: int, same: bool, tries: int = 3) -> tuple[Ar
         start = problem.start(dice, number)
         found = minimize(
             problem.cost, start, jac=True, method="SLSQP", constraints=problem.constraints,
-            options={"maxiter": 80, "ftol": 1e-7},
+            options={"maxiter": 200, "ftol": 1e-6},
         )  # fmt: skip
         worst = problem.violation(found.x)
-        if worst < 1e-5 and (best is None or found.fun < best.fun):
+        if worst < 1e-4 and (best is None or found.fun < best.fun):
             best = found
     if best is None:
         raise RuntimeError("no start led to a gait")
