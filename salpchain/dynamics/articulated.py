@@ -118,7 +118,9 @@ def _hang(passed: Passed, rows: Any) -> tuple[Passed, tuple[Array, ...]]:
     )  # fmt: skip
     felt = Load(pull.x - at.xw * turn, pull.y - at.yw * turn, drag * turn - hinges.torque)
     on, by = joint.about(before, -1.0), felt.about(before, -1.0)
-    joined, free = hinges.joined, _alone(body, force)
+    joined = hinges.joined
+    # Only the first unit of a chain, and an empty slot, moves by itself: mostly none of a batch.
+    free = jax.lax.cond(joined.all(), lambda: (turn, turn, turn), lambda: _alone(body, force))
     passed = Passed(
         Resistance(*(jnp.where(joined, row, 0.0) for row in on)),
         Load(*(jnp.where(joined, row, 0.0) for row in by)),

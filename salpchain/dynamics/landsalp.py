@@ -122,7 +122,7 @@ class LandSalp(Dynamics):
         return self.jet * speed / (1.0 if self.sets_speed else self.thickness)
 
     def top_spin(self, length: int | Array) -> Scalar:
-        """Rate (rad/s) that no chain that stays straight exceeds, by the same balance of power."""
+        """Rate of turning (rad/s) that no straight chain exceeds, by the same balance of power."""
         free = max(self._free(part) for part in self.parts)
         least = min(min(part.drag[:2]) for part in self.parts)
         squares = self.link_length**2 * (length**2 - 1) / 12
@@ -193,8 +193,8 @@ def _drifted(fixed: Any, own: Any, chain: Chain, thrust: Array) -> list[Array]:
     place = Vectors(chain.units.position[:, 0], chain.units.position[:, 1])
     direction = chain.units.angle - table.mount
     still = Twist(*[jnp.zeros_like(thrust)] * 3)
-    start = direction, place, still
-    direction, place, twist = jax.lax.fori_loop(0, robot.substeps, substep, start)
+    state = jax.lax.fori_loop(0, robot.substeps, substep, (direction, place, still))
+    direction, place, twist = state
     return fields_of(robot, direction, place, twist, joints)
 
 

@@ -130,7 +130,7 @@ class Dynamics(Physics):
         raise NotImplementedError
 
     def top_spin(self, length: int | Array) -> Scalar:
-        """Rate (rad/s) at which no chain that stays straight exceeds to turn."""
+        """Rate of turning (rad/s) that no chain which stays straight exceeds."""
         raise NotImplementedError
 
     @property

@@ -169,8 +169,8 @@ class Swim(NamedTuple):
 
 def _mass(robot: Water, along: Vectors, present: Array) -> Resistance:
     zero = jnp.zeros_like(along.x)
-    forward, sideways, turning = (robot.inertia * size for size in robot.mass)
-    return about_middle(along, Vectors(zero, zero), forward, sideways, turning, present)
+    ahead, aside, turning = (robot.inertia * size for size in robot.mass)
+    return about_middle(along, Vectors(zero, zero), ahead, aside, turning, present)
 
 
 def _drag(robot: Water, table: Table, along: Vectors, twist: Twist, present: Array) -> Resistance:

@@ -215,10 +215,10 @@ class WorldConfig:
 
     def _check_dynamics(self) -> None:
         """Raise InputError unless these dynamics know all that the world holds."""
-        kind, plain = self.dynamics.kind, WorldConfig.plain
+        kind = self.dynamics.kind
         wrong = {
-            "obstacles": kind != "vmas" and self.obstacles != plain("obstacles"),
-            "current": kind == "landsalp" and self.current != plain("current"),
+            "obstacles": kind != "vmas" and self.obstacles != ObstacleConfig(),
+            "current": kind == "landsalp" and self.current != CurrentConfig(),
             "dynamics.mass": kind == "landsalp" and self.dynamics.mass != ONE,
             "dynamics.drag below 0.05": kind != "vmas" and self.dynamics.drag.low < 0.05,
         }
@@ -227,12 +227,6 @@ class WorldConfig:
                 raise InputError(
                     f"world.dynamics.kind={kind} knows no world.{name}: leave that out"
                 )
-
-    @classmethod
-    def plain(cls, part: str) -> Any:
-        """A part of the settings as it is in still water."""
-        kind: Any = next(one for one in fields(cls) if one.name == part).default_factory
-        return kind()
 
     @property
     def is_still(self) -> bool:

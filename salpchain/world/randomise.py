@@ -163,7 +163,7 @@ def _dynamics(config: DynamicsConfig, key: PRNGKeyArray) -> Physics:
     )
 
 
-def _robot(config: DynamicsConfig, keys: PRNGKeyArray) -> Dynamics:
+def _robot(config: DynamicsConfig, keys: Any) -> Dynamics:
     mass, drag, stiffness = (
         _drawn(key, given)
         for key, given in zip(keys, (config.mass, config.drag, config.stiffness), strict=True)

@@ -1,6 +1,7 @@
-"""Robots that exist: python -m studies.landsalp gait | search | water | long | cost
+"""Robots that exist: python -m studies.landsalp gait | glide | search | water | long | cost
 
 gait    the gait that was published for LandSalp's three links: way, turn and bend of a cycle
+glide   the fastest steady swims under the same jets, found among all shapes
 search  gaits found by optimisation under the same jets, with joints to 10.4 and to 45 degrees
 water   three links in water, identified on one measured run and held against the others
 long    chains of 3 to 64 links under equal jets, on the ground and in water
@@ -17,6 +18,7 @@ from studies.landsalp import chains, gaits
 
 COMMANDS: dict[str, Callable[[], None]] = {
     "gait": gaits.published,
+    "glide": gaits.glides,
     "search": gaits.search,
     "water": chains.in_water,
     "long": chains.long,

@@ -9,6 +9,7 @@ import pytest
 from salpchain.errors import InputError
 from salpchain.evaluation.difficulty import start_of
 from salpchain.physics.state import Physics
+from salpchain.ranges import as_range
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.follow.task import Follow
 from salpchain.tasks.reach.task import SCLD
@@ -75,7 +76,9 @@ def test_a_kind_is_set_in_short_or_in_full():
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_a_kind_does_not_know_is_refused(kind):
     with pytest.raises(InputError, match=rf"kind={kind} knows no world\.obstacles"):
-        WorldConfig(dynamics=DynamicsConfig(kind=kind), obstacles=ObstacleConfig(posts=2.0))
+        WorldConfig(
+            dynamics=DynamicsConfig(kind=kind), obstacles=ObstacleConfig(posts=as_range(2.0))
+        )
     with pytest.raises(InputError, match=r"unknown world\.dynamics\.kind 'land'"):
         DynamicsConfig(kind="land")
     config = TaskConfig(length=2, fence=True)
@@ -86,6 +89,8 @@ def test_what_a_kind_does_not_know_is_refused(kind):
 
 def test_the_ground_knows_no_current_and_no_mass():
     with pytest.raises(InputError, match=r"knows no world\.current"):
-        WorldConfig(dynamics=DynamicsConfig(kind="landsalp"), current=CurrentConfig(speed=0.1))
+        WorldConfig(
+            dynamics=DynamicsConfig(kind="landsalp"), current=CurrentConfig(speed=as_range(0.1))
+        )
     with pytest.raises(InputError, match=r"knows no world\.dynamics\.mass"):
-        world("landsalp", mass=2.0)
+        world("landsalp", mass=as_range(2.0))
