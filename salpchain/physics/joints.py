@@ -71,6 +71,14 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
 FORCES = {"spring": spring_like_force, "exact": joint_force}
 
 
+def slackened(
+    opening: Float[Array, "2 link batch"], slack: Float[Array, "link batch"]
+) -> Float[Array, "2 link batch"]:
+    """The opening (m) of a joint beyond its slack (m); the opening itself where there is none."""
+    distance = root(opening[0] * opening[0] + opening[1] * opening[1])
+    return opening * jnp.maximum(1.0 - slack / jnp.maximum(distance, CLOSED), 0.0)
+
+
 def angle_torque(
     bend: Float[Array, "link batch"], joined: Bool[Array, "link batch"], stiffness: Any
 ) -> Float[Array, "link batch"]:

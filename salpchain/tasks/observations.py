@@ -147,9 +147,22 @@ class ChainView(View):
         """Mean of the target points (m)."""
         return self.mean(self.target)
 
+    @cached_property
+    def piece(self) -> tuple[Array, Array]:
+        """Slots of the first and the last unit of each unit's piece, in a chain that can part."""
+        joined, slot = self.chain.joined, _indices(self.angle)
+        edge = jnp.ones_like(joined[:1])
+        begins, ends = jnp.concatenate([edge, ~joined]), jnp.concatenate([~joined, edge])
+        first = lax.cummax(jnp.where(begins, slot, 0))
+        return first, lax.cummin(jnp.where(ends, slot, len(slot) - 1), reverse=True)
+
     def mean(self, pair: Pair) -> Pair:
-        """Mean over the present units."""
+        """Mean over the present units; of each unit's own piece, in a chain that can part."""
         present = self.chain.present
+        if self.chain.docking is not None:
+            first, last = self.piece
+            x, y = (_between(row, first, last) / (last - first + 1) for row in pair)
+            return x, y
         share = 1 / jnp.maximum(present.sum(axis=0), 1)
         x, y = (jnp.sum(jnp.where(present, row, 0.0), axis=0) * share for row in pair)
         return x, y
@@ -223,7 +236,10 @@ class ChainView(View):
         return ((_indices(self.angle) >> place) & 1).astype(self.angle.dtype)
 
     def place(self) -> Row:
-        """Place in the chain, from -1 (first) to 1 (last)."""
+        """Place in the chain, from -1 (first) to 1 (last); in its piece, if it can part."""
+        if self.chain.docking is not None:
+            first, final = self.piece
+            return (_indices(self.angle) - first) * (2 / jnp.maximum(final - first, 1)) - 1.0
         last = jnp.maximum(self.chain.present.sum(axis=0) - 1, 1)
         return _indices(self.angle) * (2 / last) - 1.0
 
@@ -238,6 +254,13 @@ class ChainView(View):
     def compress(self, row: Row) -> Row:
         """sign(x) log(1 + 5 |x|)."""
         return derivatives.compress(row)
+
+
+def _between(row: Row, first: Array, last: Array) -> Row:
+    """For each unit, the sum over the slots from `first` to `last`."""
+    total = jnp.cumsum(row, axis=0)
+    until = jnp.take_along_axis(total, last, axis=0)
+    return until - jnp.take_along_axis(total - row, first, axis=0)
 
 
 def _pair(vectors: Array) -> Pair:
