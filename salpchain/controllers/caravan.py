@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from salpchain.controllers.greedy import as_action
 from salpchain.controllers.named import controller
+from salpchain.controllers.pieces import along, ends, means, steered
 from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.errors import InputError
 from salpchain.given import instance
@@ -110,8 +111,10 @@ class Caravan(eqx.Module):
             return as_action(self._thrust(state, state.target), "grip"), memory
         instance("memory", memory, Convoy, "what begin or plan gave")
         convoy, aim = _advanced(state, memory)
-        hold = _hold(state, convoy)
-        action = as_action(self._thrust(state, aim), "grip")
+        hold, berthing = _hold(state, convoy), _stage(convoy)[convoy.route.rank] == BERTH
+        exact = steered(state.seen, aim, convoy.route.rank)
+        thrust = jnp.where(berthing, exact, self._thrust(state, aim))
+        action = as_action(thrust, "grip")
         return action.at[:-1, 1].set(jnp.where(hold, 0.0, -1.0)), convoy
 
     def act(self, state: State) -> Float[Array, "unit act"]:
@@ -146,11 +149,11 @@ def _route(state: State) -> tuple[Route, Array, Array]:
     """The ways, and where the pieces are at first: their middles (m) and angles (rad)."""
     chain, course, target = state.seen, state.plan, state.target
     rank, count = _ranks(state)
-    ends = _ends(rank, chain.present)
-    size = ends[1] - ends[0] + 1
-    middle, place = (_means(x, rank, chain.present) for x in (chain.units.position, target))
-    alone = jnp.where(size > 1, _along(chain.units.position, ends), chain.units.angle[ends[0]])
-    angle = _along(target, (jnp.maximum(ends[0] - (size < 2), 0), ends[1] + (size < 2)))
+    first, last = outer = ends(rank, chain.present)
+    size = last - first + 1
+    middle, place = (means(x, rank, chain.present) for x in (chain.units.position, target))
+    alone = jnp.where(size > 1, along(chain.units.position, outer), chain.units.angle[first])
+    angle = along(target, (jnp.maximum(first - (size < 2), 0), last + (size < 2)))
     half = (size - 1) / 2 * LINK_LENGTH
     room = half + LINK_LENGTH + ROOM
     lane = _lane(course.lanes, middle, room)
@@ -164,7 +167,7 @@ def _route(state: State) -> tuple[Route, Array, Array]:
         out = across * jnp.maximum(room - height, 0.0)[:, None]
     leave = middle + jnp.where(count > 1, out, 0.0)
     slot = jnp.arange(len(rank))
-    arm = (slot - (ends[0] + ends[1])[rank] / 2) * LINK_LENGTH
+    arm = (slot - (first + last)[rank] / 2) * LINK_LENGTH
     anchor = chain.units.position
     return Route(rank, count, anchor, arm, half, leave, lane, place, angle, away), middle, alone
 
@@ -192,28 +195,6 @@ def _ranks(state: State) -> tuple[Int[Array, " unit"], Int[Array, ""]]:
     behind = course.lanes[:, -1].mean(axis=0)
     first, last = (jnp.linalg.norm(state.target[k] - behind) for k in (0, length - 1))
     return jnp.where(first < last, count - 1 - piece, piece), count
-
-
-def _ends(rank: Array, present: Array) -> tuple[Array, Array]:
-    """The slots of the first and the last unit of each piece; 0 of empty ones."""
-    slot, num = jnp.arange(len(rank)), len(rank)
-    first = jax.ops.segment_min(jnp.where(present, slot, num), rank, num)
-    last = jax.ops.segment_max(jnp.where(present, slot, -1), rank, num)
-    return jnp.clip(first, 0, num - 1) * (last >= 0), jnp.maximum(last, 0)
-
-
-def _means(points: Array, rank: Array, present: Array) -> Float[Array, "piece 2"]:
-    """The mean over the units of each piece."""
-    weight = present.astype(points.dtype)
-    number = jax.ops.segment_sum(weight, rank, len(rank))
-    total = jax.ops.segment_sum(points * weight[:, None], rank, len(rank))
-    return total / jnp.maximum(number, 1.0)[:, None]
-
-
-def _along(points: Array, ends: tuple[Array, Array]) -> Float[Array, " piece"]:
-    """The direction (rad) from the first to the last of a piece's points."""
-    x, y = (points[jnp.minimum(ends[1], len(points) - 1)] - points[ends[0]]).T
-    return jnp.arctan2(y, x)
 
 
 def _side(towards: Array, angle: Array, size: Array) -> Float[Array, "piece 2"]:
@@ -258,8 +239,8 @@ def _aim(state: State, convoy: Convoy) -> Float[Array, "unit 2"]:
     """The target points (m) that units have on their ways."""
     route, stage = convoy.route, _stage(convoy)
     rank = route.rank
-    along = jnp.stack([jnp.cos(convoy.angle), jnp.sin(convoy.angle)], axis=-1)[rank]
-    straight = convoy.centre[rank] + route.arm[:, None] * along
+    axis = jnp.stack([jnp.cos(convoy.angle), jnp.sin(convoy.angle)], axis=-1)[rank]
+    straight = convoy.centre[rank] + route.arm[:, None] * axis
     berth = state.target + (convoy.off[:, None] * route.away)[rank]
     own = stage[rank][:, None]
     return jnp.where(own == WAIT, route.anchor, jnp.where(own >= BERTH, berth, straight))

@@ -31,14 +31,14 @@ WRITTEN = {
     "approach": Written(
         "salpchain.controllers.approach", "Approach", "turns, approaches and bends as a whole", True
     ),
+    "mpc": Written(
+        "salpchain.controllers.mpc", "MPC", "plans by sampling on the engine, slow", False
+    ),
     "caravan": Written(
         "salpchain.controllers.caravan",
         "Caravan",
         "parts to pass, joins again; above a policy",
         False,
-    ),
-    "mpc": Written(
-        "salpchain.controllers.mpc", "MPC", "plans by sampling on the engine, slow", False
     ),
 }
 
