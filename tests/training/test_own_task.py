@@ -101,7 +101,7 @@ def test_a_package_announces_a_task_by_an_entry_point(tmp_path, monkeypatch):
     try:
         assert isinstance(make_task(task_config("hover")), Hover)
         with pytest.raises(
-            InputError, match="choose one of reach, follow, .*hover, or one of your"
+            InputError, match=r"choose one of reach, follow, .*hover, or one of your"
         ):
             task_config("hovre")
     finally:
