@@ -63,7 +63,7 @@ def _stepped(
         opening = Opening(chain.docking.slack, chain.docking.twist)
         rig = rig._replace(held=chain.held, latch=chain.docking.latch)
     if chain.impulse is not None and obstacles is not None:
-        impulse = jnp.zeros_like(chain.impulse)
+        impulse = jnp.zeros_like(chain.units.angle[0])
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.held)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     pushers = (_all_pushers if differentiable else _near_pushers)(rig, units, contact)
@@ -73,7 +73,8 @@ def _stepped(
     if chain.blocked is not None:
         flags.append(jnp.zeros_like(moved.touching) if moved.blocked is None else moved.blocked)
     if chain.impulse is not None:
-        flags.append(jnp.zeros_like(chain.impulse) if moved.impulse is None else moved.impulse)
+        none = jnp.zeros_like(chain.units.angle[0])
+        flags.append(none if moved.impulse is None else moved.impulse)
     return [*_fields(moved.units), *_fields(moved.links), *flags, *(moved.opening or ())]
 
 

@@ -37,11 +37,19 @@ def grip(chain: Chain, hold: Bool[Array, " link"], physics: Physics) -> Chain:
     From then on it counts as `linked`; `Docking.slack` and `twist` say how far it still is from
     closed. The chain must be `dockable`.
     """
-    return _grip(None, chain, hold, physics)
+    after = _grip(None, chain, hold, physics)
+    return eqx.tree_at(_gripped, chain, after)
+
+
+def _gripped(chain: Chain) -> tuple[Any, ...]:
+    """What a grip changes."""
+    docking: Any = chain.docking
+    changing = docking.slack, docking.twist, docking.caught, docking.catches
+    return chain.linked, chain.rest_angle, *changing
 
 
 @over_the_batch
-def _grip(_: None, chain: Chain, hold: Array, physics: Physics) -> Chain:
+def _grip(_: None, chain: Chain, hold: Array, physics: Physics) -> tuple[Array, ...]:
     docking: Any = chain.docking
     latch: Latch = docking.latch
     gap, bend, speed = _off(chain, physics)
@@ -52,15 +60,13 @@ def _grip(_: None, chain: Chain, hold: Array, physics: Physics) -> Chain:
     linked = (chain.linked & hold) | caught
     found = jnp.stack([gap, jnp.abs(twist), speed], axis=1)
     rest = chain.rest_angle.at[:, 1].add(jnp.where(caught, turns, 0.0))
-    docking = Docking(
-        slack=jnp.where(caught, gap, jnp.where(linked, docking.slack, 0.0)),
-        twist=jnp.where(caught, twist, jnp.where(linked, docking.twist, 0.0)),
-        caught=jnp.where(caught[:, None], found, docking.caught),
-        catches=docking.catches + caught,
-        latch=latch,
-    )
-    return eqx.tree_at(
-        lambda c: (c.linked, c.rest_angle, c.docking), chain, (linked, rest, docking)
+    return (
+        linked,
+        rest,
+        jnp.where(caught, gap, jnp.where(linked, docking.slack, 0.0)),
+        jnp.where(caught, twist, jnp.where(linked, docking.twist, 0.0)),
+        jnp.where(caught[:, None], found, docking.caught),
+        docking.catches + caught,
     )
 
 

@@ -45,8 +45,8 @@ class Latch:
     distance: float = 0.04  # m, between a link's free end and the unit, at most
     angle: float = 0.52  # rad, that link and unit are off the angle at rest, at most
     speed: float = 0.1  # m/s, of the free end against the unit, at most
-    closing: float = 0.04  # m/s, at which the joint's slack is taken up
-    turning: float = 0.5  # rad/s, at which its twist is
+    closing: float = 0.025  # m/s, at which the joint's slack is taken up
+    turning: float = 0.4  # rad/s, at which its twist is
 
     def __post_init__(self) -> None:
         for one, unit in (("distance", "m"), ("angle", "rad"), ("speed", "m/s"),
