@@ -33,11 +33,12 @@ from salpchain.tasks.state import State
 # All chosen
 MARGINS = (0.04, 0.012)  # m, between a piece and either side of an opening; the least there may be
 ROOM = 0.08  # m, left free around a piece that turns
-SPEED = 0.1  # m/s, of a reference, and of its ends where it turns
+SPEED = 0.14  # m/s, of a reference, and of its ends where it turns
 BERTHING = 0.06  # m/s, at most on the last way into its place, and the slower the nearer
 CREEP = 0.015  # m/s, at least
 NEAR, LOST = 0.025, 0.07  # m, a unit is so far from its reference: up to here it goes on; it waits
 THERE = 0.03  # m, from which on a piece is at a way-point
+NEARLY = 0.3  # of the last way into its place, when a piece makes way beside it
 FINE = 0.008  # m, at which a joint is closed
 PATIENCE = 100  # control steps, after which it is closed from as far as it closes at all
 RETRY = 250  # control steps after which a piece goes back and comes again
@@ -308,12 +309,14 @@ def _onward(state: State, convoy: Convoy, there: Array, lost: Array) -> Convoy:
         lane = jnp.where(leg == 0, before >= BERTH * LEGS, True)
     else:
         first, then, lane = PLACED * LEGS, ASIDE * LEGS, jnp.ones_like(there)
+    off = jnp.concatenate([jnp.zeros(1), convoy.off[:-1]])
+    nearly_in = (before >= BERTH * LEGS) & (off < NEARLY)
     clear = jnp.select(
         [stage == WAIT, stage == LEAVE, stage == LANE, stage == ASIDE, stage == BERTH],
         [
             before >= first,
             there & (before >= (ASIDE * LEGS if points else 0)),
-            there & jnp.where(last, before >= PLACED * LEGS, lane),
+            there & jnp.where(last, nearly_in, lane),
             there & (before >= PLACED * LEGS),
             placed,
         ],

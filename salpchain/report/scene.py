@@ -16,6 +16,7 @@ from salpchain.report.shapes import (
     crosses,
     jet_outlines,
     length_name,
+    pieces,
     place_colours,
     round_length,
     unit_outlines,
@@ -252,12 +253,7 @@ class Scene:
 
     def _parts(self, position: np.ndarray, now: float) -> list[np.ndarray]:
         """The pieces of the chain as lines (m), each with the link that hangs on its last unit."""
-        parted = np.flatnonzero(self.swim.parted[int(now)])
-        if not len(parted):
-            return [position]
-        ends, pieces = _between(self.swim.link_ends, now), np.split(position, parted + 1)
-        hanging = [*(ends[link][None] for link in parted), ends[:0]]
-        return [np.concatenate(pair) for pair in zip(pieces, hanging, strict=True)]
+        return pieces(position, self.swim.parted[int(now)], _between(self.swim.link_ends, now))
 
     def _draw_dead(
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, step: int
