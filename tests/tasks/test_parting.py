@@ -10,8 +10,13 @@ import numpy as np
 import pytest
 
 from salpchain.cli.main import run
+from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.physics.docking import shut
+from salpchain.tasks.features import observation_size
+from salpchain.tasks.observations import observe
 from salpchain.tasks.parting.config import WAYS, DockConfig, GatherConfig, PassageConfig
 from salpchain.tasks.parting.course import Parting, is_whole
 from salpchain.tasks.registry import make_task
@@ -149,3 +154,33 @@ def test_walls_of_ones_own_are_refused_in_a_passage():
     wall = make_obstacles(walls=[((0.0, 0.0), (1.0, 0.0), 0.04)])
     with pytest.raises(InputError, match="passage has walls of its own"):
         make_task(PassageConfig(6), World(obstacles=wall))
+
+
+def test_each_piece_observes_as_a_chain_of_its_own():
+    _, states = begun("gather")
+    state = one(states)
+    chain = eqx.tree_at(lambda c: c.units.velocity, state.chain, jr.normal(jr.key(3), (SLOTS, 2)))
+    seen = observe("body", chain, state.target, state.force)
+
+    def alone(x):
+        return x[2:4] if x.ndim and x.shape[0] == SLOTS else x[2:3] if x.ndim else x
+
+    pair = jax.tree.map(alone, eqx.tree_at(lambda c: c.docking, chain, None))
+    mine = observe("body", pair, state.target[2:4], state.force[2:4])
+    np.testing.assert_allclose(seen[2:4], mine, atol=1e-5)
+
+
+@pytest.mark.parametrize("graph", ["mixed", "near"])
+def test_what_one_piece_does_changes_no_action_of_another(graph):
+    _, states = begun("gather")
+    state = one(states)
+    config = ControlConfig(graph=graph)
+    network = actor_critic(jr.key(0), config, observation_size("body"), 1, SLOTS)
+    policy = Policy(network, PolicyCard(control=config, length=SLOTS))
+    moved = eqx.tree_at(
+        lambda c: c.units.position, state.chain, state.chain.units.position.at[:2].add(0.3)
+    )
+    other = observe("body", moved, state.target, state.force)
+    one_action, two = policy.act(state), policy.act(eqx.tree_at(lambda s: s.obs, state, other))
+    np.testing.assert_allclose(one_action[2:LENGTH], two[2:LENGTH], atol=1e-6)
+    assert float(jnp.abs(one_action[:2] - two[:2]).max()) > 1e-6
