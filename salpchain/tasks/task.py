@@ -319,9 +319,10 @@ class Task(eqx.Module):
         check_chain(chain, self.config.length)
         action = checked_action(action, self._action_shape, chain.units.angle)
         clipped = jnp.clip(action, -1.0, 1.0)
-        thrust = clipped[:, 0]
         if self.config.action == "pair":
             thrust = (clipped[:, 0] - clipped[:, 1]) / 2
+        else:
+            thrust = clipped[:, 0]
         return jnp.where(chain.present, thrust, 0.0)
 
     def step_limit(self, length: int | Array) -> Int[Array, ""] | int:

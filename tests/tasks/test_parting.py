@@ -87,9 +87,15 @@ def test_a_chain_in_its_pose_that_is_not_one_has_not_reached_the_goal():
     x = jnp.linspace(0, 0.07 * (SLOTS - 1), SLOTS)
     target = jnp.stack([x, jnp.zeros(SLOTS)], 1) + jnp.array([1.0, 0.0])
     along = eqx.tree_at(
-        lambda c: (c.units.position, c.units.angle, c.links.position, c.links.angle),
+        lambda c: (c.units.position, c.units.angle, c.links.position, c.links.angle, c.rest_angle),
         state.chain,
-        (target, jnp.zeros(SLOTS), (target[1:] + target[:-1]) / 2, jnp.zeros(SLOTS - 1)),
+        (
+            target,
+            jnp.zeros(SLOTS),
+            (target[1:] + target[:-1]) / 2,
+            jnp.zeros(SLOTS - 1),
+            jnp.zeros((SLOTS - 1, 2)),
+        ),
     )
     there = eqx.tree_at(lambda s: (s.chain, s.target), state, (along, target))
     step = jax.jit(env.step)
