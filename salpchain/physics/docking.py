@@ -85,7 +85,11 @@ def _off(chain: Chain, physics: Physics) -> tuple[Array, Array, Array]:
         links.velocity[:, 1] + spin * x - units.velocity[1:, 1],
     )
     bend = links.angle - units.angle[1:] - chain.rest_angle[:, 1]
-    return jnp.hypot(*gap), bend, jnp.hypot(*speed)
+    return _size(*gap), bend, _size(*speed)
+
+
+def _size(x: Array, y: Array) -> Array:
+    return jnp.sqrt(x * x + y * y)
 
 
 def openings(chain: Chain, physics: Physics) -> Float[Array, "link 3"]:

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.physics.joints import FORCES, JointForces, angle_torque, slackened
+from salpchain.physics.joints import FORCES, SLACK_FORCES, JointForces, angle_torque
 
 
 class Motion(NamedTuple):
@@ -63,7 +63,6 @@ class Substate(NamedTuple):
     half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
     touching: Bool[Array, " batch"]  # whether two units have pushed each other so far
     blocked: Bool[Array, " batch"] | None  # whether an obstacle has pushed a unit so far
-    opening: Opening | None = None  # of links that can be cut and closed
     impulse: Float[Array, " batch"] | None = None  # N s, of obstacles on units so far
 
 
@@ -109,7 +108,7 @@ def run_substeps(
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
     apart = jnp.zeros(units.angle.shape[-1], bool)
     free = None if rig.obstacles is None else apart
-    state = Substate(units, links, half, apart, free, opening, impulse)
+    state = Substate(units, links, half, apart, free, impulse)
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
@@ -124,12 +123,12 @@ def run_substeps(
             if state.impulse is not None:
                 more = jnp.sqrt(jnp.square(load.force - before).sum(axis=0)).sum(axis=0)
                 state = state._replace(impulse=state.impulse + more * rig.dt)
-        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
+        left = None if opening is None else _left(rig, opening, index)
+        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0), left)
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return Moved(
-        state.units, state.links, state.touching, state.blocked, state.opening, state.impulse
-    )
+    left = None if opening is None else _left(rig, opening, rig.physics.substeps)
+    return Moved(state.units, state.links, state.touching, state.blocked, left, state.impulse)
 
 
 def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Load, Any]:
@@ -144,9 +143,11 @@ def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Lo
     return pushed() if push.ever is None else jax.lax.cond(push.ever, pushed, lambda: (load, flag))
 
 
-def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
+def _substep(
+    rig: Rig, state: Substate, load: Load, keep: Array, opening: Opening | None
+) -> Substate:
     units, links, half = state[:3]
-    joints = _joints(rig, units, links, half, state.opening)
+    joints = _joints(rig, units, links, half, opening)
     couple = joints.first - joints.second
     twist = half[0] * couple[1] - half[1] * couple[0]
     on_links = Load(
@@ -160,21 +161,23 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     links = _integrate(rig, links, on_links, physics.link_mass, physics.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, physics.unit_inertia, keep)
     half = _turn(half, rig.dt * links.angular_velocity)
-    opening = None if state.opening is None else _closer(rig, state.opening)
-    return state._replace(units=units, links=links, half=half, opening=opening)
+    return state._replace(units=units, links=links, half=half)
 
 
-def _closer(rig: Rig, opening: Opening) -> Opening:
-    """What is left of slack and twist a substep later."""
-    slack = jnp.maximum(opening.slack - rig.latch.closing * rig.dt, 0.0)
-    left = jnp.maximum(jnp.abs(opening.twist) - rig.latch.turning * rig.dt, 0.0)
-    return Opening(slack, jnp.sign(opening.twist) * left)
+def _left(rig: Rig, opening: Opening, substeps: Array | int) -> Opening:
+    """What is left of slack and twist after so many substeps."""
+    time = substeps * rig.dt
+    turned = rig.latch.turning * time
+    return Opening(
+        jnp.maximum(opening.slack - rig.latch.closing * time, 0.0),
+        opening.twist - jnp.clip(opening.twist, -turned, turned),
+    )
 
 
 def _joints(
     rig: Rig, units: Motion, links: Motion, half: Array, opening: Opening | None
 ) -> JointForces:
-    physics, joined = rig.physics, (rig.joined, rig.joined)
+    physics, joined = rig.physics, rig.joined
     ends = (
         links.position - half - units.position[:, :-1],
         links.position + half - units.position[:, 1:],
@@ -184,18 +187,25 @@ def _joints(
         links.angle - (units.angle[1:] + rig.rest_angle[:, 1]),
     )
     if opening is not None:
-        joined = rig.held, rig.joined
-        ends = ends[0], slackened(ends[1], opening.slack)
-        bends = bends[0], bends[1] - opening.twist
+        return _loose_joints(rig, ends, bends, opening)
     pull = FORCES[physics.joint_derivative]
-    forces = (
-        pull(*one, physics.joint_stiffness, physics.softness)
-        for one in zip(ends, joined, strict=True)
-    )
-    torques = (
-        angle_torque(*one, physics.angle_stiffness) for one in zip(bends, joined, strict=True)
-    )
+    forces = (pull(end, joined, physics.joint_stiffness, physics.softness) for end in ends)
+    torques = (angle_torque(bend, joined, physics.angle_stiffness) for bend in bends)
     return JointForces(*forces, *torques)
+
+
+def _loose_joints(
+    rig: Rig, ends: tuple[Array, Array], bends: tuple[Array, Array], opening: Opening
+) -> JointForces:
+    """What joints exert that can be cut: all links hang on their first unit."""
+    physics, held, joined = rig.physics, rig.held, rig.joined
+    constants = physics.joint_stiffness, physics.softness
+    return JointForces(
+        FORCES[physics.joint_derivative](ends[0], held, *constants),
+        SLACK_FORCES[physics.joint_derivative](ends[1], joined, opening.slack, *constants),
+        angle_torque(bends[0], held, physics.angle_stiffness),
+        angle_torque(bends[1] - opening.twist, joined, physics.angle_stiffness),
+    )
 
 
 def _gather(first: Array, second: Array) -> Array:

@@ -148,21 +148,18 @@ class ChainView(View):
         return self.mean(self.target)
 
     @cached_property
-    def piece(self) -> tuple[Array, Array]:
-        """Slots of the first and the last unit of each unit's piece, in a chain that can part."""
-        joined, slot = self.chain.joined, _indices(self.angle)
-        edge = jnp.ones_like(joined[:1])
-        begins, ends = jnp.concatenate([edge, ~joined]), jnp.concatenate([~joined, edge])
-        first = lax.cummax(jnp.where(begins, slot, 0))
-        return first, lax.cummin(jnp.where(ends, slot, len(slot) - 1), reverse=True)
+    def piece(self) -> tuple[Row, Row]:
+        """Which unit of its piece each is, from 1 on, and of how many, in a chain that can part."""
+        one = jnp.ones_like(self.angle)[:, None]
+        return tuple(row[:, 0] for row in _along_pieces(one, self.chain.joined))  # type: ignore[return-value]
 
     def mean(self, pair: Pair) -> Pair:
         """Mean over the present units; of each unit's own piece, in a chain that can part."""
         present = self.chain.present
         if self.chain.docking is not None:
-            first, last = self.piece
-            x, y = (_between(row, first, last) / (last - first + 1) for row in pair)
-            return x, y
+            share = 1 / self.piece[1]
+            _, sums = _along_pieces(jnp.stack(pair, axis=1), self.chain.joined)
+            return sums[:, 0] * share, sums[:, 1] * share
         share = 1 / jnp.maximum(present.sum(axis=0), 1)
         x, y = (jnp.sum(jnp.where(present, row, 0.0), axis=0) * share for row in pair)
         return x, y
@@ -238,8 +235,8 @@ class ChainView(View):
     def place(self) -> Row:
         """Place in the chain, from -1 (first) to 1 (last); in its piece, if it can part."""
         if self.chain.docking is not None:
-            first, final = self.piece
-            return (_indices(self.angle) - first) * (2 / jnp.maximum(final - first, 1)) - 1.0
+            place, number = self.piece
+            return (place - 1) * (2 / jnp.maximum(number - 1, 1)) - 1.0
         last = jnp.maximum(self.chain.present.sum(axis=0) - 1, 1)
         return _indices(self.angle) * (2 / last) - 1.0
 
@@ -256,11 +253,27 @@ class ChainView(View):
         return derivatives.compress(row)
 
 
-def _between(row: Row, first: Array, last: Array) -> Row:
-    """For each unit, the sum over the slots from `first` to `last`."""
-    total = jnp.cumsum(row, axis=0)
-    until = jnp.take_along_axis(total, last, axis=0)
-    return until - jnp.take_along_axis(total - row, first, axis=0)
+def _along_pieces(rows: Array, joined: Array) -> tuple[Array, Array]:
+    """The sum of rows (unit, number) over each unit's piece, up to the unit and in all.
+
+    Once along the chain and once back, so that no array holds all pairs.
+    """
+    edge = jnp.zeros_like(joined[:1])
+    before, after = (jnp.concatenate(x)[:, None] for x in ((edge, joined), (joined, edge)))
+
+    def on(sums: Array, unit: tuple[Array, Array]) -> tuple[Array, Array]:
+        row, goes_on = unit
+        sums = jnp.where(goes_on, sums + row, row)
+        return sums, sums
+
+    def back(total: Array, unit: tuple[Array, Array]) -> tuple[Array, Array]:
+        sums, goes_on = unit
+        total = jnp.where(goes_on, total, sums)
+        return total, total
+
+    none = jnp.zeros_like(rows[0])
+    _, sums = lax.scan(on, none, (rows, before))
+    return sums, lax.scan(back, none, (sums, after), reverse=True)[1]
 
 
 def _pair(vectors: Array) -> Pair:
