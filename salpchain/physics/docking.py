@@ -17,16 +17,16 @@ from salpchain.physics.batching import over_the_batch
 from salpchain.physics.state import Chain, Docking, Latch, Physics
 
 
-def dockable(chain: Chain, latch: Latch | None = None) -> Chain:
-    """The chain with links that can be cut and closed; those that act are closed."""
-    none = jnp.zeros_like(chain.links.angle)
-    docking = Docking(
-        slack=none,
-        twist=none,
-        caught=jnp.zeros_like(chain.links.angle, shape=(*none.shape, 3)),
-        catches=jnp.zeros_like(none, dtype=jnp.int32),
-        latch=latch or Latch(),
-    )
+def dockable(chain: Chain, latch: Latch | None = None, record: bool = False) -> Chain:
+    """The chain with links that can be cut and closed; those that act are closed.
+
+    With `record`, how each closes is kept.
+    """
+    none, latch = jnp.zeros_like(chain.links.angle), latch or Latch()
+    docking = Docking(none, none, latch=latch)
+    if record:
+        caught, catches = jnp.zeros((*none.shape, 3), none.dtype), none.astype(jnp.int32)
+        docking = Docking(none, none, caught, catches, latch)
     return eqx.tree_at(lambda c: c.docking, chain, docking, is_leaf=lambda x: x is None)
 
 
@@ -44,8 +44,8 @@ def grip(chain: Chain, hold: Bool[Array, " link"], physics: Physics) -> Chain:
 def _gripped(chain: Chain) -> tuple[Any, ...]:
     """What a grip changes."""
     docking: Any = chain.docking
-    changing = docking.slack, docking.twist, docking.caught, docking.catches
-    return chain.linked, chain.rest_angle, *changing
+    kept = () if docking.caught is None else (docking.caught, docking.catches)
+    return chain.linked, chain.rest_angle, docking.slack, docking.twist, *kept
 
 
 @over_the_batch
@@ -58,16 +58,14 @@ def _grip(_: None, chain: Chain, hold: Array, physics: Physics) -> tuple[Array, 
     near = (gap <= latch.distance) & (jnp.abs(twist) <= latch.angle) & (speed <= latch.speed)
     caught = near & hold & ~chain.linked & chain.held
     linked = (chain.linked & hold) | caught
-    found = jnp.stack([gap, jnp.abs(twist), speed], axis=1)
     rest = chain.rest_angle.at[:, 1].add(jnp.where(caught, turns, 0.0))
-    return (
-        linked,
-        rest,
-        jnp.where(caught, gap, jnp.where(linked, docking.slack, 0.0)),
-        jnp.where(caught, twist, jnp.where(linked, docking.twist, 0.0)),
-        jnp.where(caught[:, None], found, docking.caught),
-        docking.catches + caught,
-    )
+    slack = jnp.where(caught, gap, jnp.where(linked, docking.slack, 0.0))
+    left = jnp.where(caught, twist, jnp.where(linked, docking.twist, 0.0))
+    if docking.caught is None:
+        return linked, rest, slack, left
+    found = jnp.stack([gap, jnp.abs(twist), speed], axis=1)
+    found = jnp.where(caught[:, None], found, docking.caught)
+    return linked, rest, slack, left, found, docking.catches + caught
 
 
 def _off(chain: Chain, physics: Physics) -> tuple[Array, Array, Array]:

@@ -67,8 +67,9 @@ class Docking(eqx.Module):
 
     slack: Float[Array, " link"]  # m, opening at which the second joint does not pull yet
     twist: Float[Array, " link"]  # rad, added to its rest angle
-    caught: Float[Array, "link 3"]  # m, rad, m/s: how far off it was when it last closed
-    catches: Int[Array, " link"]  # how often it has closed
+    # m, rad, m/s: how far off it was when it last closed; None is not recorded and not paid.
+    caught: Float[Array, "link 3"] | None = None
+    catches: Int[Array, " link"] | None = None  # how often it has closed; None likewise
     latch: Latch = eqx.field(static=True, default_factory=Latch)
 
 

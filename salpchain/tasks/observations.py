@@ -272,8 +272,11 @@ def _along_pieces(rows: Array, joined: Array) -> tuple[Array, Array]:
         return total, total
 
     none = jnp.zeros_like(rows[0])
-    _, sums = lax.scan(on, none, (rows, before))
-    return sums, lax.scan(back, none, (sums, after), reverse=True)[1]
+    _, sums = lax.scan(on, none, (rows, before), unroll=UNROLLED)
+    return sums, lax.scan(back, none, (sums, after), reverse=True, unroll=UNROLLED)[1]
+
+
+UNROLLED = 8  # units of a chain that a loop over it takes at once (chosen)
 
 
 def _pair(vectors: Array) -> Pair:

@@ -54,7 +54,7 @@ def kinetic(chain: Chain) -> float:
 def row(num=NUM) -> Chain:
     """A straight chain at rest that can dock."""
     place = jnp.stack([LINK * jnp.arange(num), jnp.zeros(num)], axis=1)
-    return dockable(at_rest(place, jnp.zeros(num)))
+    return dockable(at_rest(place, jnp.zeros(num)), record=True)
 
 
 def apart(gap=(0.0, 0.0), turn=0.0, speed=0.0, num=NUM) -> Chain:

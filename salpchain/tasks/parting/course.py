@@ -44,7 +44,7 @@ class Parting(SCLD):
 
     def prepared(self, chain: Chain) -> Chain:
         """The chain with links that can be cut, and a record of what obstacles do to it."""
-        chain = dockable(chain, Latch(distance=self.config.capture))
+        chain = dockable(chain, Latch(distance=self.config.capture), record=True)
         nothing = jnp.zeros_like(chain.units.angle[0])
         return eqx.tree_at(lambda c: c.impulse, chain, nothing, is_leaf=lambda x: x is None)
 
@@ -83,8 +83,8 @@ class Parting(SCLD):
     def gauge(self, state: State) -> dict[str, Float[Array, ""]]:
         """Links that are closed; how far off they were when they last closed; pushes of walls."""
         chain, docking = state.chain, state.chain.docking
-        if docking is None or chain.impulse is None:
-            raise ValueError("a chain of this task must be dockable")
+        if docking is None or docking.caught is None or docking.catches is None:
+            raise ValueError("the chain of this task must be one that `prepared` gave")
         num = jnp.maximum((docking.catches > 0).sum(), 1)
         gap, angle, speed = (
             jnp.where(docking.catches > 0, docking.caught[:, k], 0.0).sum() / num for k in range(3)
@@ -92,7 +92,8 @@ class Parting(SCLD):
         lost = (chain.held & ~shut(chain)).sum().astype(gap.dtype)
         catches = docking.catches.sum().astype(gap.dtype)
         parts = {"parted": lost, "catches": catches, "gap": gap, "angle": angle, "speed": speed}
-        return parts | {"impulse": chain.impulse, "distance": state.distances.mean}
+        impulse = jnp.zeros_like(gap) if chain.impulse is None else chain.impulse
+        return parts | {"impulse": impulse, "distance": state.distances.mean}
 
     def measure(self, series: Mapping[str, np.ndarray]) -> dict[str, float]:
         """Docks made and held, how exact they were, and what the walls did.
