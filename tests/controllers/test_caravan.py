@@ -40,14 +40,15 @@ def test_pieces_fit_the_opening_and_differ_by_one_unit_at_most(length, opening):
 def test_a_chain_that_fits_is_not_cut():
     _, state, convoy = begun(8, opening=1.2)
     assert int(convoy.route.count) == 1
-    action, _ = jax.jit(Caravan().plan)(state, convoy)
+    caravan = Caravan()
+    action, _ = jax.jit(lambda *now: caravan.plan(*now))(state, convoy)
     assert (action[:, 1] == 0.0).all()
 
 
 def test_one_piece_leaves_first_and_the_others_wait_where_they_are():
     env, state, convoy = begun(8, opening=0.5)
     caravan, step = Caravan(), jax.jit(env.step)
-    plan = jax.jit(caravan.plan)
+    plan = jax.jit(lambda *now: caravan.plan(*now))
     for _ in range(30):
         action, convoy = plan(state, convoy)
         state = step(state, action)

@@ -69,7 +69,7 @@ def test_an_episode_begins_at_rest_with_joints_closed_and_nothing_in_the_way(nam
 @pytest.mark.parametrize(("name", "pieces"), [("dock", 2), ("gather", 3), ("passage wall", 1)])
 def test_pieces_are_those_that_the_task_says(name, pieces):
     _, states = begun(name)
-    joined = np.asarray(states.chain.joined)[:, : LENGTH - 1]
+    joined = np.asarray(states.chain.linked)[:, : LENGTH - 1]
     assert ((~joined).sum(axis=1) + 1 == pieces).all()
     assert bool(is_whole(one(states).chain)) == (pieces == 1)
 
