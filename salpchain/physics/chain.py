@@ -15,6 +15,7 @@ from salpchain.physics.obstacles import Obstacles, every_obstruction, obstructio
 from salpchain.physics.state import Bodies, Chain, Physics
 from salpchain.physics.substeps import Load, Motion, Opening, Pusher, Rig, run_substeps
 from salpchain.switches import standard_promotion
+from salpchain.xla import materialise
 
 
 @standard_promotion
@@ -60,8 +61,11 @@ def _stepped(
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
     opening, impulse = None, None
     if chain.docking is not None:
-        opening = Opening(chain.docking.slack, chain.docking.twist)
-        rig = rig._replace(held=chain.held, latch=chain.docking.latch)
+        never = chain.present.sum() < 0  # otherwise every substep would transpose them anew
+        loose = chain.docking.slack, chain.docking.twist, chain.held, chain.joined
+        *loose, held, joined = materialise(loose, never)
+        opening = Opening(*loose)
+        rig = rig._replace(held=held, joined=joined, latch=chain.docking.latch)
     if chain.impulse is not None and obstacles is not None:
         impulse = jnp.zeros_like(chain.units.angle[0])
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.held)
