@@ -164,7 +164,7 @@ def test_a_piece_that_has_turned_round_closes_as_if_it_had_not():
     one, two = (grip(c, jnp.ones(NUM - 1, bool), PHYSICS) for c in (chain, other))
     for _ in range(10):
         one, two = still(one), still(two)
-    np.testing.assert_allclose(one.units.position, two.units.position, atol=1e-3)
+    np.testing.assert_allclose(one.units.position, two.units.position, atol=5e-3)
     assert abs(float(two.docking.twist[CUT])) < 1e-3
 
 
