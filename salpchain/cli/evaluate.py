@@ -64,8 +64,9 @@ class Evaluate:
     seed: Whole = "0"
     """Seed of the starts; keep it apart from the seeds of training."""
     task: Task = ""
-    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
-    one of your own, module:Class. Default: what the policy was trained for."""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves),
+    dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
+    policy was trained for."""
     world: World = "still"
     set: Sets = ()
     """Any number of the task or the world, such as task.speed=0.1 or world.current.speed=0:0.08;

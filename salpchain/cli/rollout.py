@@ -38,8 +38,9 @@ class Rollout:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     task: Task = ""
-    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
-    one of your own, module:Class. Default: what the policy was trained for."""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves),
+    dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
+    policy was trained for."""
     world: World = "still"
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write. One that holds another episode is kept, and this one refused."""

@@ -82,7 +82,7 @@ class Train:
     *4 after it, as it is now and was in the three control steps before."""
     task: Task = ""
     """What it is to do: reach (the paper's: take a target pose; default), follow (a target that
-    moves), or one of your own, module:Class."""
+    moves), dock, passage or gather (docs/tasks.md), or one of your own, module:Class."""
     world: World = ""
     length: Lengths = ""
     """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""

@@ -50,8 +50,9 @@ class Video:
     time_limit: Limit = "scaled"
     """scaled (32 steps for each unit, at least 512) or fixed (512 steps, the paper's)."""
     task: Task = ""
-    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves), or
-    one of your own, module:Class. Default: what the policy was trained for."""
+    """What it is to do: reach (the paper's: take a target pose), follow (a target that moves),
+    dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
+    policy was trained for."""
     world: World = "still"
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""

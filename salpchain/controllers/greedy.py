@@ -49,6 +49,8 @@ class Greedy(eqx.Module):
 
 
 def as_action(thrust: Float[Array, " unit"], action: str) -> Float[Array, "unit act"]:
-    """Thrusts (N), clipped to what a unit can do, as actions: for `pair` with their opposites."""
+    """Thrusts (N), clipped to what a unit can do, as actions: for `pair` with their opposites, for
+    `grip` with 0, which holds on."""
     thrust = jnp.clip(thrust, -1.0, 1.0)
-    return jnp.stack([thrust, -thrust], axis=-1)[:, : ACTION_SIZES[action]]
+    second = jnp.zeros_like(thrust) if action == "grip" else -thrust
+    return jnp.stack([thrust, second], axis=-1)[:, : ACTION_SIZES[action]]

@@ -34,6 +34,12 @@ WRITTEN = {
     "mpc": Written(
         "salpchain.controllers.mpc", "MPC", "plans by sampling on the engine, slow", False
     ),
+    "caravan": Written(
+        "salpchain.controllers.caravan",
+        "Caravan",
+        "parts to pass, joins again; above a policy",
+        False,
+    ),
 }
 
 

@@ -108,6 +108,8 @@ def _checked(
     one_of("time limit", time_limit, TIME_LIMITS)
     trials = whole("trials", trials, least=1)
     kind = controller.card.trained_for if task is None else task_config(task)
+    for length in units:
+        kind.check_possible(length)
     return _Asked(units, trials, time_limit, check_seed(seed), as_config(world), kind)
 
 

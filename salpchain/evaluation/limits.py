@@ -249,7 +249,7 @@ def centre_of_mass(physics: Physics, chain: Chain) -> Float[Array, "2"]:
     """The centre of mass of all units and links (m)."""
     if isinstance(physics, Dynamics):
         return _mean(chain, chain.units.position)
-    present, joined = chain.present[:, None], chain.joined[:, None]
+    present, joined = chain.present[:, None], chain.held[:, None]
     units = physics.unit_mass * jnp.where(present, chain.units.position, 0.0).sum(axis=0)
     links = physics.link_mass * jnp.where(joined, chain.links.position, 0.0).sum(axis=0)
     return (units + links) / _mass(physics, chain.present.sum())

@@ -83,6 +83,8 @@ def record(
     seed, trial = check_seed(seed), whole("trial", trial, least=0, most=2**31 - 1)
     water, name = as_config(world), controller.card.name
     kind = controller.card.trained_for if task is None else task_config(task)
+    for length in lengths:
+        kind.check_possible(length)
     env = domain_for([controller], max(lengths), time_limit, water, kind)
     units = f"{lengths_as_text(lengths)} units"
     with telling(function("progress", progress), name, units) as tell:

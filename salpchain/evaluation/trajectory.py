@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from salpchain import given
 from salpchain.checks import check_kinds, check_length, check_seed, one_of
@@ -22,6 +22,7 @@ from salpchain.tasks.config import TIME_LIMITS
 
 FORMAT = 1
 AROUND = "around"  # the field whose arrays stand beside the others in a file
+PARTED = 0.02  # m, that no joint which holds is open (chosen): full thrust opens one by millimetres
 LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
 
 Points = np.ndarray  # (time, body, 2)
@@ -125,6 +126,19 @@ class Trajectory:
     def centroid(self) -> Float[np.ndarray, "time 2"]:
         """Mean position of the units (m)."""
         return self.unit_position.mean(axis=1)
+
+    @cached_property
+    def link_ends(self) -> Float[np.ndarray, "time link 2"]:
+        """The second end (m) of every link: where the next unit is, unless the link is cut."""
+        span = np.linalg.norm(self.unit_position[0, 0] - self.link_position[0, 0])
+        along = np.stack([np.cos(self.link_angle), np.sin(self.link_angle)], axis=-1)
+        return self.link_position + span * along
+
+    @cached_property
+    def parted(self) -> Bool[np.ndarray, "time link"]:
+        """Which links are cut: those whose second end is off its unit."""
+        off = np.linalg.norm(self.link_ends - self.unit_position[:, 1:], axis=-1)
+        return off > PARTED
 
     @property
     def closed_fraction(self) -> float:

@@ -159,6 +159,7 @@ def domain_for(
     cards = [controller.card for controller in controllers]
     for card in cards:
         card.check_serves(check_length(length))
+    task.check_possible(length)
     spoken = {(card.observation, card.action) for card in cards}
     if len(spoken) != 1:
         raise InputError(f"controllers must share observation and action, got {sorted(spoken)}")

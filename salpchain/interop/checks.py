@@ -47,8 +47,11 @@ def reach_alone(config: TaskConfig) -> TaskConfig:
     """The settings, if they are of the paper's task.
 
     Raises:
-        InputError: they are of another, which VMAS's own physics cannot play.
+        InputError: they are of another, or of links that are cut, which VMAS's own physics cannot
+            play.
     """
+    if config.action == "grip":
+        raise InputError("VMAS cannot cut links: action must be thrust or pair, got grip")
     if config.name != TaskConfig.name:
         raise InputError(f"VMAS plays the task {TaskConfig.name} alone, got {config.name}")
     return config

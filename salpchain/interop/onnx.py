@@ -96,7 +96,7 @@ def _trunk(trunk: Any, x: str, graph: Seen) -> str:
 
 def _thrust(build: Builder, action: str, kind: str) -> None:
     """Thrusts (N) of the clipped actions, as the task maps them."""
-    first = build.op("Gather", action, 0, axis=2, name="thrust" if kind == "thrust" else None)
+    first = build.op("Gather", action, 0, axis=2, name=None if kind == "pair" else "thrust")
     if kind == "pair":
         apart = build.op("Sub", first, build.op("Gather", action, 1, axis=2))
         build.op("Mul", apart, 0.5, name="thrust")

@@ -13,8 +13,9 @@ from salpchain.physics.broadphase import far_pairs, near_solids
 from salpchain.physics.contact import among_all_units, among_units
 from salpchain.physics.obstacles import Obstacles, every_obstruction, obstruction, solids
 from salpchain.physics.state import Bodies, Chain, Physics
-from salpchain.physics.substeps import Load, Motion, Pusher, Rig, run_substeps
+from salpchain.physics.substeps import Load, Motion, Opening, Pusher, Rig, run_substeps
 from salpchain.switches import standard_promotion
+from salpchain.xla import materialise
 
 
 @standard_promotion
@@ -41,7 +42,8 @@ def step(
 
 
 def _changing(chain: Chain) -> tuple[Any, ...]:
-    return chain.units, chain.links, chain.touching, chain.blocked
+    hidden = () if chain.docking is None else (chain.docking.slack, chain.docking.twist)
+    return chain.units, chain.links, chain.touching, chain.blocked, chain.impulse, *hidden
 
 
 def _stepped(
@@ -57,14 +59,27 @@ def _stepped(
     if not chain.present.size:  # a batch of none: nothing can touch
         contact, obstacles = False, None
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
-    units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.joined)
+    opening, impulse = None, None
+    if chain.docking is not None:
+        never = chain.present.sum() < 0  # otherwise every substep would transpose them anew
+        loose = chain.docking.slack, chain.docking.twist, chain.held, chain.joined
+        *loose, held, joined = materialise(loose, never)
+        opening = Opening(*loose)
+        rig = rig._replace(held=held, joined=joined, latch=chain.docking.latch)
+    if chain.impulse is not None and obstacles is not None:
+        impulse = jnp.zeros_like(chain.units.angle[0])
+    units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.held)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     pushers = (_all_pushers if differentiable else _near_pushers)(rig, units, contact)
-    moved = run_substeps(rig, units, links, Load(push, jnp.zeros_like(units.angle)), *pushers)
+    load = Load(push, jnp.zeros_like(units.angle))
+    moved = run_substeps(rig, units, links, load, *pushers, opening=opening, impulse=impulse)
     flags = [moved.touching]
     if chain.blocked is not None:
         flags.append(jnp.zeros_like(moved.touching) if moved.blocked is None else moved.blocked)
-    return [*_fields(moved.units), *_fields(moved.links), *flags]
+    if chain.impulse is not None:
+        none = jnp.zeros_like(chain.units.angle[0])
+        flags.append(none if moved.impulse is None else moved.impulse)
+    return [*_fields(moved.units), *_fields(moved.links), *flags, *(moved.opening or ())]
 
 
 _step = over_the_batch(partial(_stepped, False), partial(_stepped, True))

@@ -71,6 +71,48 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
 FORCES = {"spring": spring_like_force, "exact": joint_force}
 
 
+def slack_force(
+    opening: Float[Array, "2 link batch"],
+    joined: Bool[Array, "link batch"],
+    slack: Float[Array, "link batch"],
+    stiffness: Any,
+    softness: Any,
+) -> Float[Array, "2 link batch"]:
+    """`joint_force` of a joint that pulls only where it is open by more than its slack (m)."""
+    distance = root(opening[0] * opening[0] + opening[1] * opening[1])
+    beyond = jnp.maximum(distance - slack, 0.0)
+    size = stiffness * softness * softplus(beyond * (1 / softness))
+    acts = joined & (beyond >= CLOSED)
+    return jnp.where(acts, size / jnp.maximum(distance, CLOSED), 0.0) * opening
+
+
+@jax.custom_jvp
+def spring_like_slack_force(
+    opening: Float[Array, "2 link batch"],
+    joined: Bool[Array, "link batch"],
+    slack: Float[Array, "link batch"],
+    stiffness: Any,
+    softness: Any,
+) -> Float[Array, "2 link batch"]:
+    """`slack_force`, with the derivative of `spring_like_force` by the opening, and none by the
+    slack."""
+    return slack_force(opening, joined, slack, stiffness, softness)
+
+
+@spring_like_slack_force.defjvp
+def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    opening, joined, slack, *constants = primals
+    force, by_constants = jax.jvp(
+        lambda *some: slack_force(opening, joined, slack, *some),
+        tuple(constants),
+        tuple(tangents[3:]),
+    )
+    return force, by_constants + jnp.where(joined, constants[0], 0.0) * tangents[0]
+
+
+SLACK_FORCES = {"spring": spring_like_slack_force, "exact": slack_force}
+
+
 def angle_torque(
     bend: Float[Array, "link batch"], joined: Bool[Array, "link batch"], stiffness: Any
 ) -> Float[Array, "link batch"]:

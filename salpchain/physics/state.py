@@ -1,11 +1,12 @@
 """The state of a chain of units and links, and the constants of its physics."""
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
+from math import inf
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 from numpy import pi
 
 from salpchain.errors import InputError
@@ -30,6 +31,47 @@ class Bodies(eqx.Module):
         return heading(self.angle)
 
 
+@dataclass(frozen=True)
+class Latch:
+    """What a joint that closes again allows, and how gently it closes.
+
+    The numbers are chosen: about half a link, and 30 degrees.
+
+    Raises:
+        InputError: a number that is not positive, or an angle beyond pi.
+    """
+
+    distance: float = 0.04  # m, between a link's free end and the unit, at most
+    angle: float = 0.52  # rad, that link and unit are off the angle at rest, at most
+    speed: float = 0.1  # m/s, of the free end against the unit, at most
+    closing: float = 0.025  # m/s, at which the joint's slack is taken up
+    turning: float = 0.4  # rad/s, at which its twist is
+
+    def __post_init__(self) -> None:
+        for one, unit in (("distance", "m"), ("angle", "rad"), ("speed", "m/s"),
+                          ("closing", "m/s"), ("turning", "rad/s")):  # fmt: skip
+            value = getattr(self, one)
+            if not (isinstance(value, int | float) and 0 < value < inf):
+                raise InputError(f"Latch.{one} must be positive ({unit}), got {told(value)}")
+        if self.angle > pi:
+            raise InputError(f"Latch.angle must be at most pi (rad), got {self.angle}")
+
+
+class Docking(eqx.Module):
+    """What a chain has whose links can be cut and closed again while it swims.
+
+    A link that is cut keeps its first joint: it hangs on the unit of the lower index. Its second
+    joint closes on the unit of the higher index with a slack, so that nothing snaps.
+    """
+
+    slack: Float[Array, " link"]  # m, opening at which the second joint does not pull yet
+    twist: Float[Array, " link"]  # rad, added to its rest angle
+    # m, rad, m/s: how far off it was when it last closed; None is not recorded and not paid.
+    caught: Float[Array, "link 3"] | None = None
+    catches: Int[Array, " link"] | None = None  # how often it has closed; None likewise
+    latch: Latch = eqx.field(static=True, default_factory=Latch)
+
+
 class Chain(eqx.Module):
     """n units, the n-1 links between them, and the masks that say which of them exist.
 
@@ -48,11 +90,19 @@ class Chain(eqx.Module):
     blocked: Bool[Array, ""] | None = None
     # Of jets that remember: share of the whole push now, and how full each is. None: they do not.
     jets: Float[Array, "unit 2"] | None = None
+    # N s, of obstacles on units in the last control step, as the sum over units; None likewise.
+    impulse: Float[Array, ""] | None = None
+    docking: Docking | None = None  # of links that can be cut and closed; None of fixed ones
 
     @property
     def joined(self) -> Bool[Array, "link *batch"]:
         """Links that act: linked, with both units present."""
         return self.linked & self.present[:-1] & self.present[1:]
+
+    @property
+    def held(self) -> Bool[Array, "link *batch"]:
+        """Links that hang on their first unit: those that act, and of a chain that docks all."""
+        return self.joined if self.docking is None else self.present[:-1] & self.present[1:]
 
 
 class Physics(eqx.Module):

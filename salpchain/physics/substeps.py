@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.physics.joints import FORCES, JointForces, angle_torque
+from salpchain.physics.joints import FORCES, SLACK_FORCES, JointForces, angle_torque
 
 
 class Motion(NamedTuple):
@@ -39,11 +39,20 @@ class Rig(NamedTuple):
     joined: Bool[Array, "link batch"]
     fence: Float[Array, "*batch"] | None
     obstacles: Any = None  # obstacles.Solids
+    held: Bool[Array, "link batch"] | None = None  # first joints that act, where links can be cut
+    latch: Any = None  # state.Latch, likewise
 
     @property
     def dt(self) -> Any:
         """Length of a substep (s)."""
         return self.physics.control_step / self.physics.substeps
+
+
+class Opening(NamedTuple):
+    """How far the second joint of each link still is from closed."""
+
+    slack: Float[Array, "link batch"]  # m
+    twist: Float[Array, "link batch"]  # rad
 
 
 class Substate(NamedTuple):
@@ -54,6 +63,7 @@ class Substate(NamedTuple):
     half: Float[Array, "2 link batch"]  # m, from a link's centre to its second end
     touching: Bool[Array, " batch"]  # whether two units have pushed each other so far
     blocked: Bool[Array, " batch"] | None  # whether an obstacle has pushed a unit so far
+    impulse: Float[Array, " batch"] | None = None  # N s, of obstacles on units so far
 
 
 class Moved(NamedTuple):
@@ -63,6 +73,8 @@ class Moved(NamedTuple):
     links: Motion
     touching: Bool[Array, " batch"]  # whether two units pushed each other on the way
     blocked: Bool[Array, " batch"] | None  # whether an obstacle pushed a unit; None without any
+    opening: Opening | None = None  # as it is now
+    impulse: Float[Array, " batch"] | None = None  # N s, of obstacles on units, where asked for
 
 
 class Push(NamedTuple):
@@ -84,29 +96,39 @@ def run_substeps(
     push: Load,
     contact: Pusher | None,
     obstruction: Pusher | None = None,
+    opening: Opening | None = None,
+    impulse: Float[Array, " batch"] | None = None,
 ) -> Moved:
     """Both kinds of body after all substeps, with the loads of contact between units and with
     obstacles computed in each if given.
 
-    The loop is not unrolled: XLA then fuses the transposes around it into every substep.
+    `opening` is that of links that can be cut; that of obstacles is added to `impulse`. The loop is
+    not unrolled: XLA then fuses the transposes around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
     apart = jnp.zeros(units.angle.shape[-1], bool)
     free = None if rig.obstacles is None else apart
-    state = Substate(units, links, half, apart, free)
+    state = Substate(units, links, half, apart, free, impulse)
     keep = 1 - rig.physics.drag
 
     def substep(index: Array, state: Substate) -> Substate:
         load, touching, blocked = push, state.touching, state.blocked
         if contact is not None:
             load, touching = _pushed_by(contact, state.units, load, touching)
+        state = state._replace(touching=touching)
         if obstruction is not None:
+            before = load.force
             load, blocked = _pushed_by(obstruction, state.units, load, blocked)
-        state = state._replace(touching=touching, blocked=blocked)
-        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0))
+            state = state._replace(blocked=blocked)
+            if state.impulse is not None:
+                more = jnp.sqrt(jnp.square(load.force - before).sum(axis=0)).sum(axis=0)
+                state = state._replace(impulse=state.impulse + more * rig.dt)
+        left = None if opening is None else _left(rig, opening, index)
+        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0), left)
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    return Moved(state.units, state.links, state.touching, state.blocked)
+    left = None if opening is None else _left(rig, opening, rig.physics.substeps)
+    return Moved(state.units, state.links, state.touching, state.blocked, left, state.impulse)
 
 
 def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Load, Any]:
@@ -121,9 +143,11 @@ def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Lo
     return pushed() if push.ever is None else jax.lax.cond(push.ever, pushed, lambda: (load, flag))
 
 
-def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
+def _substep(
+    rig: Rig, state: Substate, load: Load, keep: Array, opening: Opening | None
+) -> Substate:
     units, links, half = state[:3]
-    joints = _joints(rig, units, links, half)
+    joints = _joints(rig, units, links, half, opening)
     couple = joints.first - joints.second
     twist = half[0] * couple[1] - half[1] * couple[0]
     on_links = Load(
@@ -137,10 +161,22 @@ def _substep(rig: Rig, state: Substate, load: Load, keep: Array) -> Substate:
     links = _integrate(rig, links, on_links, physics.link_mass, physics.link_inertia, keep)
     units = _integrate(rig, units, on_units, physics.unit_mass, physics.unit_inertia, keep)
     half = _turn(half, rig.dt * links.angular_velocity)
-    return Substate(units, links, half, state.touching, state.blocked)
+    return state._replace(units=units, links=links, half=half)
 
 
-def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:
+def _left(rig: Rig, opening: Opening, substeps: Array | int) -> Opening:
+    """What is left of slack and twist after so many substeps."""
+    time = substeps * rig.dt
+    turned = rig.latch.turning * time
+    return Opening(
+        jnp.maximum(opening.slack - rig.latch.closing * time, 0.0),
+        opening.twist - jnp.clip(opening.twist, -turned, turned),
+    )
+
+
+def _joints(
+    rig: Rig, units: Motion, links: Motion, half: Array, opening: Opening | None
+) -> JointForces:
     physics, joined = rig.physics, rig.joined
     ends = (
         links.position - half - units.position[:, :-1],
@@ -150,10 +186,26 @@ def _joints(rig: Rig, units: Motion, links: Motion, half: Array) -> JointForces:
         links.angle - (units.angle[:-1] + rig.rest_angle[:, 0]),
         links.angle - (units.angle[1:] + rig.rest_angle[:, 1]),
     )
+    if opening is not None:
+        return _loose_joints(rig, ends, bends, opening)
     pull = FORCES[physics.joint_derivative]
     forces = (pull(end, joined, physics.joint_stiffness, physics.softness) for end in ends)
     torques = (angle_torque(bend, joined, physics.angle_stiffness) for bend in bends)
     return JointForces(*forces, *torques)
+
+
+def _loose_joints(
+    rig: Rig, ends: tuple[Array, Array], bends: tuple[Array, Array], opening: Opening
+) -> JointForces:
+    """What joints exert that can be cut: all links hang on their first unit."""
+    physics, held, joined = rig.physics, rig.held, rig.joined
+    constants = physics.joint_stiffness, physics.softness
+    return JointForces(
+        FORCES[physics.joint_derivative](ends[0], held, *constants),
+        SLACK_FORCES[physics.joint_derivative](ends[1], joined, opening.slack, *constants),
+        angle_torque(bends[0], held, physics.angle_stiffness),
+        angle_torque(bends[1] - opening.twist, joined, physics.angle_stiffness),
+    )
 
 
 def _gather(first: Array, second: Array) -> Array:

@@ -24,6 +24,7 @@ from salpchain.report.shapes import (
     Size,
     crosses,
     length_name,
+    pieces,
     round_length,
     unit_outlines,
 )
@@ -149,6 +150,8 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     size = swim.unit_size
     for time, strength in _moments(turned):
         dead = swim.around.dead(time, swim.length) & (strength == 1)
+        parts = pieces(turned[time], swim.parted[time], swim.link_ends[time] @ view.turn.T)
+        _draw_links(panel, parts, strength, point)
         _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point, size)
         _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, point, size)
     _draw_words(panel, view, place, point)
@@ -238,6 +241,12 @@ def _draw_ways(panel: Axes, positions: Float[np.ndarray, "time unit 2"]) -> None
         )
 
 
+def _draw_links(panel: Axes, parts: list[Points], strength: float, point: float) -> None:
+    width, alpha = max(0.012 / point, 0.5), 0.8 * max(strength, 0.35)
+    for part in parts:
+        panel.plot(*part.T, color=INK, alpha=alpha, linewidth=width, zorder=3, **_ROUND)
+
+
 def _draw_chain(
     panel: Axes,
     position: Points,
@@ -246,11 +255,8 @@ def _draw_chain(
     point: float,
     size: Size,
 ) -> None:
-    """Units and links; in outline at strength 0, the start."""
+    """Units; in outline at strength 0, the start."""
     colours = _colours(len(position))
-    link = max(0.012 / point, 0.5)
-    alpha = max(strength, 0.35)
-    panel.plot(*position.T, color=INK, alpha=0.8 * alpha, linewidth=link, zorder=3, **_ROUND)
     boxes = unit_outlines(position, angle, size)
     if strength == 0:
         edge = {"facecolors": WATER, "edgecolors": FAINT, "linewidths": max(0.004 / point, 0.3)}

@@ -106,6 +106,7 @@ def packed(swim: Trajectory) -> dict[str, Any]:
         **moving,
         **({} if swim.unit_size == UNIT else {"unit": swim.unit_size}),
         **packed_surroundings(swim.around, swim.length),
+        **packed_cuts(swim),
         **scale.packed(),
         **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),
     }
@@ -130,6 +131,17 @@ def packed_surroundings(around: Surroundings, length: int) -> dict[str, Any]:
             "flow": _numbers(around.water / speed * 127, "<i1"),
         }
     return known
+
+
+def packed_cuts(swim: Trajectory) -> dict[str, Any]:
+    """From and until which step links are cut, as (link, first, last); nothing of whole chains."""
+    edges = np.diff(swim.parted.astype(int), axis=0, prepend=0, append=0)
+    cuts = [
+        [link, int(first), int(last) - 1]
+        for link, column in enumerate(edges.T)
+        for first, last in zip(*(np.flatnonzero(column == k) for k in (1, -1)), strict=True)
+    ]
+    return {"cuts": cuts} if cuts else {}
 
 
 class Scale(NamedTuple):

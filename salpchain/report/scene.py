@@ -16,6 +16,7 @@ from salpchain.report.shapes import (
     crosses,
     jet_outlines,
     length_name,
+    pieces,
     place_colours,
     round_length,
     unit_outlines,
@@ -194,7 +195,7 @@ class Scene:
         self._draw_ghosts(canvas, target, position, angle)
         if now < self.swim.steps:
             self._draw_jets(canvas, position, angle, self.swim.thrust[int(now)])
-        self._draw_chain(canvas, position, angle)
+        self._draw_chain(canvas, position, angle, now)
         self._draw_dead(canvas, position, angle, int(now))
         if self.title:
             self._draw_words(canvas, now)
@@ -231,10 +232,13 @@ class Scene:
                 alpha,
             )
 
-    def _draw_chain(self, canvas: Canvas, position: np.ndarray, angle: np.ndarray) -> None:
+    def _draw_chain(
+        self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, now: float
+    ) -> None:
         way, width = self.at(position), max(1.6, LINK_WIDTH * self.scale)
-        canvas.lines([way], DEEP, 1.7 * width, alpha=0.55)
-        canvas.lines([way], (0.82, 0.90, 0.94), width)
+        parts = [self.at(part) for part in self._parts(position, now)]
+        canvas.lines(parts, DEEP, 1.7 * width, alpha=0.55)
+        canvas.lines(parts, (0.82, 0.90, 0.94), width)
         if self.swim.unit_size[0] * self.scale < SPECK:
             _draw_specks(canvas, way)
             return
@@ -246,6 +250,10 @@ class Scene:
             canvas.fill(outline[None], colour)
         shine = outlines.mean(axis=1, keepdims=True)
         canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=SHINE)
+
+    def _parts(self, position: np.ndarray, now: float) -> list[np.ndarray]:
+        """The pieces of the chain as lines (m), each with the link that hangs on its last unit."""
+        return pieces(position, self.swim.parted[int(now)], _between(self.swim.link_ends, now))
 
     def _draw_dead(
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, step: int

@@ -1,7 +1,7 @@
 """The look of a chain as outlines in metres, and its colours: what every picture shares."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from salpchain.physics.sizes import UNIT_LENGTH, UNIT_WIDTH
 
@@ -39,6 +39,14 @@ def unit_outlines(
     corner = CORNER * min(unit)
     half = np.array(unit) / 2 - corner
     return _placed(signs * half + corner * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
+
+
+def pieces(position: Points, parted: Bool[np.ndarray, " link"], ends: Points) -> list[Points]:
+    """The chain as lines (m), one for each piece: where a link is cut it hangs on the unit before
+    it, up to its second end."""
+    cut = np.flatnonzero(parted)
+    hanging = [*(ends[link][None] for link in cut), ends[:0]]
+    return [np.concatenate(p) for p in zip(np.split(position, cut + 1), hanging, strict=True)]
 
 
 def crosses(

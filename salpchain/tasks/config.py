@@ -11,7 +11,7 @@ from salpchain.tasks.registry import check_task
 
 TIME_LIMITS = ("fixed", "scaled")
 PLAYED_LIMIT = "scaled"  # where a policy is played and nothing else was asked for
-ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2}
+ACTION_SIZES: dict[str, int] = {"thrust": 1, "pair": 2, "grip": 2}
 GOAL_LIMIT = 0.05129329438755058  # m, where exp(-Frechet distance) = 0.95 (paper equation 7)
 FIXED_LIMIT = 512  # control steps (the paper's)
 STEPS_PER_UNIT = 32  # control steps for each unit under the scaled limit
@@ -29,7 +29,7 @@ class TaskConfig:
 
     length: int = 8  # number of units; the slots of a batch that mixes lengths
     observation: str = "body"  # or another of `features.OBSERVATIONS`
-    action: str = "thrust"  # or pair
+    action: str = "thrust"  # or pair, or grip
     time_limit: str = "fixed"  # or scaled
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
     contact: bool = True  # units collide
@@ -67,6 +67,9 @@ class TaskConfig:
             raise InputError(
                 f"most_steps must be a whole number, 0 or more, got {told(self.most_steps)}"
             )
+
+    def check_possible(self, length: int) -> None:
+        """Raise InputError if it can be told that no chain of this length can do it."""
 
     @property
     def step_limit(self) -> int:

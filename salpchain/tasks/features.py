@@ -287,6 +287,8 @@ OBSERVATIONS: dict[str, Observation] = {
 ACTIONS = {
     "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
     "pair": "two numbers for each unit, in [-1, 1]: thrust (N) = (first - second) / 2",
+    "grip": "two numbers for each unit, in [-1, 1]: its thrust (N), and below -0.5 it lets go of"
+    " the next unit, otherwise it holds it, and takes hold of it where it can",
 }
 
 

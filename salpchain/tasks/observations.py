@@ -169,9 +169,19 @@ class ChainView(View):
         """Mean of the target points (m)."""
         return self.mean(self.target)
 
+    @cached_property
+    def piece(self) -> tuple[Row, Row]:
+        """Which unit of its piece each is, from 1 on, and of how many, in a chain that can part."""
+        one = jnp.ones_like(self.angle)[:, None]
+        return tuple(row[:, 0] for row in _along_pieces(one, self.chain.joined))  # type: ignore[return-value]
+
     def mean(self, pair: Pair) -> Pair:
-        """Mean over the present units."""
+        """Mean over the present units; of each unit's own piece, in a chain that can part."""
         present = self.chain.present
+        if self.chain.docking is not None:
+            share = 1 / self.piece[1]
+            _, sums = _along_pieces(jnp.stack(pair, axis=1), self.chain.joined)
+            return sums[:, 0] * share, sums[:, 1] * share
         share = 1 / jnp.maximum(present.sum(axis=0), 1)
         x, y = (jnp.sum(jnp.where(present, row, 0.0), axis=0) * share for row in pair)
         return x, y
@@ -245,7 +255,10 @@ class ChainView(View):
         return ((_indices(self.angle) >> place) & 1).astype(self.angle.dtype)
 
     def place(self) -> Row:
-        """Place in the chain, from -1 (first) to 1 (last)."""
+        """Place in the chain, from -1 (first) to 1 (last); in its piece, if it can part."""
+        if self.chain.docking is not None:
+            place, number = self.piece
+            return (place - 1) * (2 / jnp.maximum(number - 1, 1)) - 1.0
         last = jnp.maximum(self.chain.present.sum(axis=0) - 1, 1)
         return _indices(self.angle) * (2 / last) - 1.0
 
@@ -260,6 +273,32 @@ class ChainView(View):
     def compress(self, row: Row) -> Row:
         """sign(x) log(1 + 5 |x|)."""
         return derivatives.compress(row)
+
+
+def _along_pieces(rows: Array, joined: Array) -> tuple[Array, Array]:
+    """The sum of rows (unit, number) over each unit's piece, up to the unit and in all.
+
+    Once along the chain and once back, so that no array holds all pairs.
+    """
+    edge = jnp.zeros_like(joined[:1])
+    before, after = (jnp.concatenate(x)[:, None] for x in ((edge, joined), (joined, edge)))
+
+    def on(sums: Array, unit: tuple[Array, Array]) -> tuple[Array, Array]:
+        row, goes_on = unit
+        sums = jnp.where(goes_on, sums + row, row)
+        return sums, sums
+
+    def back(total: Array, unit: tuple[Array, Array]) -> tuple[Array, Array]:
+        sums, goes_on = unit
+        total = jnp.where(goes_on, total, sums)
+        return total, total
+
+    none = jnp.zeros_like(rows[0])
+    _, sums = lax.scan(on, none, (rows, before), unroll=UNROLLED)
+    return sums, lax.scan(back, none, (sums, after), reverse=True, unroll=UNROLLED)[1]
+
+
+UNROLLED = 8  # units of a chain that a loop over it takes at once (chosen)
 
 
 def _pair(vectors: Array) -> Pair:

@@ -31,6 +31,12 @@ TASKS: dict[str, Spec] = {
     "follow": Spec(
         "salpchain.tasks.follow.config:FollowConfig", "salpchain.tasks.follow.task:Follow"
     ),
+    **{
+        name: Spec(
+            f"salpchain.tasks.parting.config:{kind}Config", f"salpchain.tasks.parting.{name}:{kind}"
+        )
+        for name, kind in (("dock", "Dock"), ("passage", "Passage"), ("gather", "Gather"))
+    },
 }
 
 

@@ -22,6 +22,7 @@ from salpchain.physics.batching import over_the_batch
 from salpchain.physics.state import Chain, Physics, heading
 from salpchain.starting import check_can_compute
 from salpchain.switches import standard_promotion
+from salpchain.tasks.actions import gripped, with_grips
 from salpchain.tasks.checks import (
     check_chain,
     check_key,
@@ -31,12 +32,7 @@ from salpchain.tasks.checks import (
     checked_clear,
     checked_vectors,
 )
-from salpchain.tasks.config import (
-    ACTION_SIZES,
-    FIXED_LIMIT,
-    STEPS_PER_UNIT,
-    TaskConfig,
-)
+from salpchain.tasks.config import ACTION_SIZES, FIXED_LIMIT, STEPS_PER_UNIT, TaskConfig
 from salpchain.tasks.contract import checked_judgement, checked_move, checked_start
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.observations import Around, observe, with_history
@@ -167,6 +163,7 @@ class Task(eqx.Module):
         world = self._draw_world(key, length)
         begun = self.begin(key, draw_key, length, world.dynamics)
         chain, target, plan = checked_start(self, begun)
+        chain = with_grips(chain, self.config)
         return self._start(chain, target, next_key, world, plan)
 
     def _draw_world(self, key: PRNGKeyArray, length: int | Array) -> World:
@@ -194,7 +191,7 @@ class Task(eqx.Module):
         return checked_clear(_in_one_program(Task._begun, self, chain, target, key), self.world)
 
     def _begun(self, chain: Chain, target: Array, key: PRNGKeyArray) -> State:
-        world = self._draw_world(key, chain.present.sum())
+        chain, world = with_grips(chain, self.config), self._draw_world(key, chain.present.sum())
         return self._start(chain, target, key, world, None)
 
     def _start(
@@ -275,7 +272,7 @@ class Task(eqx.Module):
         self, world: World, state: State, action: Array, moving: Bool[Array, " unit"]
     ) -> tuple[Chain, Float[Array, " unit"], Any]:
         """The chain after a control step, the thrusts (N) that acted, and the fence (m)."""
-        held = _with_present(state.chain, moving)
+        held = gripped(_with_present(state.chain, moving), action, self.config, world.dynamics)
         thrust = world.thrust(self.thrust(held, action), state.thrust, state.time)
         fence = FENCE_PER_UNIT * state.length if self.config.fence else None
         moved = world.step(held, thrust, fence, self.config.contact)
@@ -314,8 +311,8 @@ class Task(eqx.Module):
         return observe(self.config.observation, chain, target, force, around)
 
     def thrust(self, chain: Chain, action: Float[Array, "unit act"]) -> Float[Array, " unit"]:
-        """Thrusts (N): `thrust` clips one number to [-1, 1]; `pair` clips two, maps them to [0, 1]
-        and takes forward minus backward (paper equation 9).
+        """Thrusts (N): `thrust` and `grip` clip one number to [-1, 1]; `pair` clips two, maps them
+        to [0, 1] and takes forward minus backward (paper equation 9).
 
         Raises:
             InputError: a chain or an action of other slots than `config.length`.
@@ -323,10 +320,10 @@ class Task(eqx.Module):
         check_chain(chain, self.config.length)
         action = checked_action(action, self._action_shape, chain.units.angle)
         clipped = jnp.clip(action, -1.0, 1.0)
-        if self.config.action == "thrust":
-            thrust = clipped[:, 0]
-        else:
+        if self.config.action == "pair":
             thrust = (clipped[:, 0] - clipped[:, 1]) / 2
+        else:
+            thrust = clipped[:, 0]
         return jnp.where(chain.present, thrust, 0.0)
 
     def step_limit(self, length: int | Array) -> Int[Array, ""] | int:

@@ -120,7 +120,7 @@ const Salp = (() => {
     ctx.beginPath();
     points.forEach(([x, y], i) => {
       const [px, py] = camera.toScreen(x, y);
-      if (i) ctx.lineTo(px, py); else ctx.moveTo(px, py);
+      if (i && !points[i - 1].cut) ctx.lineTo(px, py); else ctx.moveTo(px, py);
     });
   }
 
@@ -222,7 +222,9 @@ const Salp = (() => {
   function chain(ctx, camera, units, seconds) {
     const look = theme(), s = camera.scale;
     units.forEach((unit) => jet(ctx, camera, unit, seconds));
-    const points = units.map((unit) => [unit.x, unit.y]);
+    const points = units.flatMap((unit) => (unit.cut // its link hangs on in its own direction
+      ? [[unit.x, unit.y], Object.assign([unit.x + 0.07 * Math.cos(unit.angle), unit.y + 0.07 * Math.sin(unit.angle)], { cut: true })]
+      : [[unit.x, unit.y]]));
     trace(ctx, camera, points);
     stroke(ctx, look.edge, Math.max(3, 0.02 * s));
     stroke(ctx, look.link, Math.max(1.6, 0.012 * s));

@@ -125,13 +125,14 @@
 
   function unitsAt(swim, now) {
     const first = Math.min(Math.floor(now), swim.steps), last = Math.min(first + 1, swim.steps);
-    const part = now - first, units = [];
+    const part = now - first, units = [], cut = new Set();
+    for (const [link, from, to] of swim.cuts ?? []) if (from <= first && first <= to) cut.add(link);
     for (let i = 0; i < swim.length; i++) {
       units.push({
         x: Salp.between(swim.x(first, i), swim.x(last, i), part),
         y: Salp.between(swim.y(first, i), swim.y(last, i), part),
         angle: Salp.betweenAngles(swim.angle(first, i), swim.angle(last, i), part),
-        thrust: swim.thrust(first, i), place: i / (swim.length - 1), off: swim.off?.includes(i) || (swim.dead?.[i] ?? Infinity) <= first,
+        thrust: swim.thrust(first, i), place: i / (swim.length - 1), cut: cut.has(i), off: swim.off?.includes(i) || (swim.dead?.[i] ?? Infinity) <= first,
       });
     }
     return units;

@@ -1,0 +1,1 @@
+"""Tasks of chains that come apart and join: `dock`, `passage`, `gather`."""
