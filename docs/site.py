@@ -1,6 +1,6 @@
-"""Builds the site: `python docs/site.py` writes `site/` from the pages, the parsers and the package.
+"""Builds the site: `python docs/site.py` writes `site/` from pages, parsers and package.
 
-Pages are staged in a folder of their own, with their links put right, and made into HTML by Zensical.
+Pages are staged in a folder of their own, their links put right, and made into HTML by Zensical.
 The swim page is `site/swim/index.html`.
 """
 
@@ -20,7 +20,9 @@ from urllib.parse import unquote, urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
 STUDIES = ("paper/results/report", "bars", "factors", "budget", "short", "transfer")
-PAGES = {  # sections of the site, and what is in each: a title and a page of the repository
+# Sections of the site, and what is in each: a title and a page of the repository.
+# ruff: noqa: E501
+PAGES = {
     "Start": {
         "Start": "docs/index.md", "Gallery": "docs/gallery.md", "Installing, and all of it once": "README.md",
         "See it and touch it": "docs/see.md", "Glossary": "docs/glossary.md",
@@ -109,7 +111,9 @@ def copied(file: Path, name: str, folder: Path) -> Path:
     goal = folder / "files" / name.removeprefix("docs/")
     if file.is_dir():
         goal = goal / "files.txt"
-        names = sorted(path.relative_to(file).as_posix() for path in file.rglob("*") if path.is_file())
+        names = sorted(
+            path.relative_to(file).as_posix() for path in file.rglob("*") if path.is_file()
+        )
         goal.parent.mkdir(parents=True, exist_ok=True)
         goal.write_text("\n".join(names) + "\n", encoding="utf-8")
         return goal
@@ -132,7 +136,9 @@ def command_line() -> str:
         told = io.StringIO()
         with contextlib.redirect_stdout(told):
             run([name, "--help"] if name else ["--help"])
-        parts.append(f"## salpchain {name}".rstrip() + f"\n\n```text\n{told.getvalue().rstrip()}\n```\n")
+        parts.append(
+            f"## salpchain {name}".rstrip() + f"\n\n```text\n{told.getvalue().rstrip()}\n```\n"
+        )
     return "\n".join(parts)
 
 
@@ -140,7 +146,11 @@ def settings(sources: Path, out: Path) -> str:
     """Zensical's settings. JSON's texts and lists are TOML's too."""
     where = places()
     nav = [
-        {title: [{name: where[page] if page != "cli" else "cli.md"} for name, page in pages.items()]}
+        {
+            title: [
+                {name: where[page] if page != "cli" else "cli.md"} for name, page in pages.items()
+            ]
+        }
         for title, pages in PAGES.items()
     ]
     tables = ", ".join(_table(one) for one in nav)
@@ -188,7 +198,9 @@ permalink = true
 def _table(one: dict) -> str:
     """A dictionary as an inline table of TOML."""
     ((key, value),) = one.items()
-    told = json.dumps(value) if isinstance(value, str) else "[" + ", ".join(map(_table, value)) + "]"
+    told = (
+        json.dumps(value) if isinstance(value, str) else "[" + ", ".join(map(_table, value)) + "]"
+    )
     return f"{{ {json.dumps(key)} = {told} }}"
 
 
@@ -232,7 +244,12 @@ def broken(site: Path) -> Iterator[str]:
             anchor = unquote(parts.fragment)
             if not goal.exists():
                 yield f"{page.relative_to(site)} leads to {lead}, which is not there"
-            elif anchor and goal in read and goal.parent.name != "swim" and anchor not in read[goal].names:
+            elif (
+                anchor
+                and goal in read
+                and goal.parent.name != "swim"
+                and anchor not in read[goal].names
+            ):
                 yield f"{page.relative_to(site)} leads to {lead}, where there is no such heading"
 
 
@@ -247,7 +264,15 @@ def build(out: Path) -> int:
         config = Path(made) / "zensical.toml"
         config.write_text(settings(sources, out), encoding="utf-8")
         shutil.rmtree(out, ignore_errors=True)
-        command = [sys.executable, "-m", "zensical", "build", "--config-file", str(config), "--strict"]
+        command = [
+            sys.executable,
+            "-m",
+            "zensical",
+            "build",
+            "--config-file",
+            str(config),
+            "--strict",
+        ]
         subprocess.run(command, check=True)
     (out / "swim").mkdir(parents=True, exist_ok=True)
     (out / "swim" / "index.html").write_text(swim_page(), encoding="utf-8")

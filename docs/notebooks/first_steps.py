@@ -22,7 +22,8 @@ def _(mo):
     mo.md("""
     # First steps
 
-    A chain of units swims to a target pose. Each unit has one jet, across the chain; links are passive.
+    A chain of units swims to a target pose. Each unit has one jet, across the chain; no link
+    has a motor.
     One controller, trained on 2 to 16 units, steers them all. Choose a length:
     """)
     return
@@ -40,7 +41,8 @@ def _(mo):
 def _(length, salpchain, seed):
     policy = salpchain.load("any-length")
     (swim,) = salpchain.record(policy, [length.value], seed=seed.value)
-    said = f"{swim.length} units, {swim.steps * 0.1:.1f} s: closed {100 * swim.closed_fraction:.0f} %"
+    closed_way = f"closed {100 * swim.closed_fraction:.0f} % of the distance"
+    said = f"{swim.length} units, {swim.steps * 0.1:.1f} s: {closed_way}"
     return policy, said, swim
 
 
@@ -69,7 +71,8 @@ def _(mo):
     mo.md("""
     ## A loop of your own
 
-    `reset` and `step` are pure functions of one chain: `jax.vmap` makes them a batch, `jax.jit` fast.
+    `reset` and `step` are pure functions of one chain: `jax.vmap` makes them a batch, and
+    `jax.jit` fast.
     """)
     return
 
@@ -87,7 +90,7 @@ def _(jax, length, policy, salpchain):
 
 @app.cell
 def _(closed, mo):
-    mo.md(f"Eight other chains closed {100 * float(closed.mean()):.0f} % of their way in 20 s, on average.")
+    mo.md(f"Eight other chains closed {100 * float(closed.mean()):.0f} % of their way in 20 s.")
     return
 
 

@@ -70,8 +70,8 @@ def _(Hover, jax, salpchain, speed):
 @app.cell
 def _(drift, mo, policy, speed):
     mo.md(
-        f"In water of {speed.value} cm/s 16 chains of 6 units drift by **{drift:.1f} cm** in 10 s with"
-        f" `{policy.card.name}`, which was trained to reach poses in still water."
+        f"In water of {speed.value} cm/s 16 chains of 6 units drift by **{drift:.1f} cm** in 10 s"
+        f" with `{policy.card.name}`, which was trained to reach poses in still water."
     )
     return
 

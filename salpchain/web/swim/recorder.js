@@ -51,13 +51,14 @@ const Recorder = (() => {
   }
 
   return class {
+    static base64(array) { return base64(array); }
     constructor() { Object.assign(this, { steps: 0, open: new Map(), closed: [], numbers: new Map(), current: [], around: [] }); }
     get full() { return this.steps >= LONGEST || this.closed.length + this.open.size >= MOST; }
     get limit() { return `a recording holds at most ${Math.round(LONGEST * STEP / 60)} minutes, ${MOST} edits: this one has ended`; }
 
     /** Keeps a control step: the chains as they were, edits included, and the world as it is now. */
-    keep(before, { chains, flow, policy, around, world }) {
-      const now = new Map(chains.map((one) => [one.name, one])), rounded = flow.map((v) => Math.round(v * 1e3) / 1e3);
+    keep(before, { chains, current, policy, told: around, world }) {
+      const now = new Map(chains.map((one) => [one.name, one])), rounded = current.map((v) => Math.round(v * 1e3) / 1e3);
       if (String(this.current.at(-1)?.slice(1)) !== String(rounded)) this.current.push([this.steps, ...rounded]);
       if (this.around.at(-1)?.[1] !== around) this.around.push([this.steps, around]);
       this.world = world;

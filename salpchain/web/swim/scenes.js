@@ -157,6 +157,7 @@ const Scenes = (() => {
 
   function hear(live, state) {
     live.scene = state.scene;
+    live.world = state.scene.world;
     if (document.activeElement !== get("world")) get("world").value = state.scene.world;
     const chain = live.chosen(), slider = get("long");
     if (chain && document.activeElement !== slider) slider.value = chain.units.length;

@@ -5,7 +5,7 @@ const Tank = (() => {
   const { live: BOUNDS, link: LINK, troubles: TROUBLES, grades: GRADES, greedy: GREEDY } = FACTS;
   const { Impossible, apart, lengthOf, placesOf } = Pond;
   const STEP = FACTS.physics.control_step, LATEST = 0.25; // s
-  const STILL = { walls: [], posts: [] };
+  const STILL = { walls: [], posts: [] }, SURVEY = 10; // control steps between two looks at the water
   const short = (value, grain = 1e4) => Math.round(value * grain) / grain;
 
   /** Steers straight at the target, without a network (`controllers/greedy.py`). */
@@ -43,7 +43,7 @@ const Tank = (() => {
       this.controllers = new Map([[policy.name, learned(policy)], [greedy.name, greedy]]);
       Object.assign(this, {
         policy: policy.name, current: [0, 0], chains: [], time: 0, epoch: 0, names: 0, kicks: [], seed: 0, world: "still",
-        around: STILL, solids: [], water: null, troubles: [], grade: GRADES[1], target: null,
+        around: STILL, told: STILL, solids: [], water: null, troubles: [], grade: GRADES[1], target: null,
       });
     }
 
@@ -60,18 +60,29 @@ const Tank = (() => {
       this.around = Sea.obstacles(roll, Sea.WORLDS[world], units, aim);
       this.solids = Sea.solids(this.around);
       this.chains = [Pond.aimed(one, aim)];
+      this.jets = "[]"; // its thrusters are whole so far
       this.pour(this.troubles, this.grade);
     }
 
     /** Puts the chains in these troubles, and in no others, as they swim. */
     pour(names, grade) {
       const config = { ...Sea.WORLDS[this.world], ...Sea.settings(names, grade) };
-      const had = this.troubles.length, roll = this.roll;
+      const roll = this.roll, jets = JSON.stringify(Object.entries(config).filter(([path]) => path.startsWith("thrusters.")));
+      const others = jets !== (this.jets ?? "[]");
       Object.assign(this, { troubles: names, grade, senses: new Sea.Senses(roll, config) });
       this.water = config["current.speed"] || config["current.wander"] ? new Sea.Water(roll, config) : null;
       this.oneSided = Boolean(config["thrusters.one_sided"]);
       this.lag = config["thrusters.lag"]?.[1] ?? 0;
-      if (names.length || had) this.chains = this.chains.map((one) => Sea.equipped(roll, one, config, this.time));
+      this.survey();
+      this.jets = jets;
+      if (others) this.chains = this.chains.map((one) => Sea.equipped(roll, one, config, this.time));
+    }
+
+    /** Looks at what is around, as pages are told it; of water that changes, once a second. */
+    survey() {
+      const water = this.water?.velocity ?? [0, 0], speed = Math.max(...water.map(Math.abs));
+      const flow = Int8Array.from(water, (v) => Math.round(v / speed * 127));
+      this.told = speed > 1e-4 ? { ...this.around, water: { shape: [1, 1, 1], area: [[0, 0], [1, 1]], speed, flow: Recorder.base64(flow) } } : this.around;
     }
 
     retarget(name) {
@@ -158,6 +169,7 @@ const Tank = (() => {
       this.time += 1;
       this.kicks = [];
       this.water?.advance();
+      if (this.water && this.time % SURVEY === 0) this.survey();
       if (!all.units.x.every(Number.isFinite)) { this.reset(); return; } // no edit is known to do this
       let first = 0;
       this.chains = this.chains.map((one) => {
@@ -324,8 +336,8 @@ const Tank = (() => {
       const { world } = this;
       this.tell({
         type: "state", time: short(world.time * STEP, 10), epoch: world.epoch, paused: this.paused, speed: this.speed,
-        policy: world.policy, loading: "", took: short(this.took, 100), current: world.flow.map((v) => short(v)),
-        troubles: world.troubles, grade: world.grade, roughening: false, around: world.around,
+        policy: world.policy, loading: "", took: short(this.took, 100), current: world.current.map((v) => short(v)),
+        troubles: world.troubles, grade: world.grade, roughening: false, around: world.told,
         recording: this.recorder ? short(this.recorder.steps * STEP, 10) : null, recorded: this.recorded,
         scene: { world: world.world, seed: world.seed }, chains: world.chains.map(told),
       });
