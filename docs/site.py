@@ -60,6 +60,7 @@ PAGES = {
     "Measurements": {"Measurements": "docs/measurements.md"},
     "Changes": {"Changes": "CHANGELOG.md"},
 }  # fmt: skip
+WIDE = "---\nhide:\n  - navigation\n  - toc\n---\n\n"  # where the swim page is embedded
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
 FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 
@@ -69,7 +70,7 @@ def places() -> dict[str, str]:
     found = {}
     for section in PAGES.values():
         for source in section.values():
-            name = source.removeprefix("docs/").lower()
+            name = source.removeprefix("docs/").replace("README", "overview").lower()
             found[source] = "pages.md" if source == "docs/README.md" else name
     return found
 
@@ -83,6 +84,7 @@ def stage(folder: Path) -> None:
         place.parent.mkdir(parents=True, exist_ok=True)
         if source != "cli":
             text = relinked(text, ROOT / source, place, folder, where)
+        text = WIDE + text if 'class="swim"' in text else text
         place.write_text(text, encoding="utf-8")
     (folder / "site.css").write_text(LOOK, encoding="utf-8")
 

@@ -245,7 +245,8 @@
       ...chain.units, ...live.targetOf(chain), Tools.knob(live, chain)]);
     points.push(...Surroundings.corners({ ...live.around, target: points, centroid: [] }));
     const { camera } = live, [left, top, width, height] = camera.box;
-    const above = 14 + get("shapes").offsetHeight, below = 40 + (get("arrived").offsetHeight || 30); // pixels
+    const above = 14 + get("shapes").offsetHeight, below = 40 + Math.max(
+      get("arrived").offsetHeight || 30, Line.covers?.() ?? 0); // pixels
     camera.box = [left, top, width, Math.max(height - above - below, 100)];
     const goal = camera.whole(points, 0.16, 700);
     goal.y += (above - below) / 2 / goal.scale;

@@ -53,5 +53,5 @@ const Line = (() => {
     pages.delete(old);
   }
 
-  return { begin: Scenes.begin, keep, open, recording: (number) => pages.get(number), tell: Scenes.hear, where };
+  return { begin: Scenes.begin, covers: Scenes.covers, keep, open, recording: (number) => pages.get(number), tell: Scenes.hear, where };
 })();

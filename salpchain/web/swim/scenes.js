@@ -98,7 +98,7 @@ const Scenes = (() => {
       ["Now a quarter of the jets is dead (the crosses): the others carry them along.", (live) => live.send("trouble", { names: ["dead"], grade: "medium" })],
       ["A changing current and noisy sensors come on top. Pour on more with the button Trouble, or take it all away.", (live) => live.send("trouble", { names: ["dead", "current", "noise"], grade: "medium" })],
     ] },
-    split: { title: "Split, pass, merge", scene: { length: 12, seed: 7, world: "posts" }, says: [
+    split: { title: "Split, pass, merge", scene: { length: 12, seed: 6, world: "posts" }, says: [
       ["A chain of 12 among posts: as one it is long, and has to bend round them."],
       ["Cut in two, each half has its own target and finds its own way: the same weights steer both.", (live) => live.send("cut", { chain: whole(live).name, link: 5 })],
       ["Bring the ends together with Join, and one chain swims again. Cut where you like; each part may be as short as 2.", merge],
@@ -164,6 +164,9 @@ const Scenes = (() => {
     if (refused) { live.toast(refused); refused = ""; }
   }
 
+  // How much of the water's lower end a guide hides: on a phone it is as wide as the page.
+  const covers = () => (get("guide").offsetWidth > 0.7 * innerWidth ? get("guide").offsetHeight : 0);
+
   function begin(live) {
     const click = (id, act) => get(id).addEventListener("click", () => act(live));
     get("world").replaceChildren(...Object.keys(worlds).map((name) => new Option(name, name)));
@@ -192,5 +195,5 @@ const Scenes = (() => {
     });
   }
 
-  return { begin, first, hear, link, parse };
+  return { begin, covers, first, hear, link, parse };
 })();
