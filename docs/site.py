@@ -78,6 +78,7 @@ def places() -> dict[str, str]:
 def stage(folder: Path) -> None:
     """Writes the sources of the site: pages, what they show and link, and the parsers' help."""
     where = places()
+    folder.mkdir(parents=True, exist_ok=True)
     for source, place in where.items():
         text = command_line() if source == "cli" else (ROOT / source).read_text(encoding="utf-8")
         place = folder / (place if place.endswith(".md") else f"{place}.md")
@@ -144,7 +145,7 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
-def settings(sources: Path, out: Path) -> str:
+def settings() -> str:
     """Zensical's settings. JSON's texts and lists are TOML's too."""
     where = places()
     nav = [
@@ -159,8 +160,8 @@ def settings(sources: Path, out: Path) -> str:
     return f"""[project]
 site_name = "salpchain"
 site_description = "Simulate chains of jet-driven units, and train one controller for any length"
-docs_dir = {json.dumps(str(sources))}
-site_dir = {json.dumps(str(out))}
+docs_dir = "docs"
+site_dir = "site"
 use_directory_urls = false
 extra_css = ["site.css"]
 nav = [{tables}]
@@ -260,22 +261,13 @@ def build(out: Path) -> int:
     from salpchain.web.swim_page import swim_page
 
     with tempfile.TemporaryDirectory() as made:
-        sources = Path(made) / "docs"
-        sources.mkdir()
-        stage(sources)
-        config = Path(made) / "zensical.toml"
-        config.write_text(settings(sources, out), encoding="utf-8")
+        project = Path(made)
+        stage(project / "docs")
+        (project / "zensical.toml").write_text(settings(), encoding="utf-8")
+        command = [sys.executable, "-m", "zensical", "build", "--strict"]
+        subprocess.run(command, cwd=project, check=True)
         shutil.rmtree(out, ignore_errors=True)
-        command = [
-            sys.executable,
-            "-m",
-            "zensical",
-            "build",
-            "--config-file",
-            str(config),
-            "--strict",
-        ]
-        subprocess.run(command, check=True)
+        shutil.copytree(project / "site", out)
     (out / "swim").mkdir(parents=True, exist_ok=True)
     (out / "swim" / "index.html").write_text(swim_page(), encoding="utf-8")
     wrong = list(broken(out))
