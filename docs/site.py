@@ -61,7 +61,7 @@ PAGES = {
     "Changes": {"Changes": "CHANGELOG.md"},
 }  # fmt: skip
 WIDE = "---\nhide:\n  - navigation\n  - toc\n---\n\n"  # where the swim page is embedded
-LINK = re.compile(r"(\]\()([^)\s]+)(\))")
+LINK = re.compile(r"(\]\(|<img src=\")([^)\"\s]+)(\)|\")")
 FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 
 
@@ -88,6 +88,7 @@ def stage(folder: Path) -> None:
         text = WIDE + text if 'class="swim"' in text else text
         place.write_text(text, encoding="utf-8")
     (folder / "site.css").write_text(LOOK, encoding="utf-8")
+    (folder / "offline.js").write_text(OFFLINE, encoding="utf-8")
 
 
 def relinked(text: str, source: Path, place: Path, folder: Path, where: dict[str, str]) -> str:
@@ -207,8 +208,38 @@ def _table(one: dict) -> str:
     return f"{{ {json.dumps(key)} = {told} }}"
 
 
-LOOK = """.swim {
-  display: block; width: 100%; height: min(72vh, 40rem); min-height: 30rem; border: 0; border-radius: 0.9rem;
+SHIM = "https://unpkg.com/iframe-worker/shim"  # that Zensical asks for where there is no server
+# Browsers make no worker of a file on disk: the search's own script then runs in a hidden frame.
+OFFLINE = """if (location.protocol === "file:") {
+  window.Worker = class extends EventTarget {
+    constructor(address) {
+      super();
+      this.frame = document.createElement("iframe");
+      this.frame.hidden = true;
+      document.body.append(this.frame);
+      const inside = this.frame.contentWindow, script = inside.document.createElement("script");
+      inside.postMessage = (data) => {
+        const event = new MessageEvent("message", { data });
+        this.onmessage?.(event);
+        this.dispatchEvent(event);
+      };
+      script.src = new URL(address, location.href);
+      this.there = new Promise((done) => { script.onload = done; });
+      inside.document.head.append(script);
+    }
+    postMessage(data) {
+      const { contentWindow: inside } = this.frame;
+      this.there.then(() => inside.dispatchEvent(new inside.MessageEvent("message", { data })));
+    }
+    terminate() { this.frame.remove(); }
+  };
+}
+"""
+LOOK = """[data-md-color-scheme] { --md-typeset-a-color: #00627d; --md-accent-fg-color: #00627d; }
+[data-md-color-scheme="slate"] { --md-typeset-a-color: #6fd3ec; --md-accent-fg-color: #6fd3ec; }
+.md-typeset h1 { margin-bottom: 1rem; }
+.swim {
+  display: block; width: 100%; height: min(68vh, 38rem); min-height: 26rem; border: 0; border-radius: 0.9rem;
 }
 .md-typeset table:not([class]) { font-size: 0.68rem; }
 .md-typeset pre > code { font-size: 0.82em; }
@@ -221,12 +252,14 @@ class _Reader(html.parser.HTMLParser):
     def __init__(self) -> None:
         super().__init__()
         self.leads: list[str] = []
+        self.loads: list[str] = []
         self.names: set[str] = set()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         for name, value in attrs:
             if name in ("href", "src") and value:
-                self.leads.append(value)
+                loaded = name == "src" or dict(attrs).get("rel") == "stylesheet"
+                (self.loads if loaded else self.leads).append(value)
             elif name in ("id", "name") and value:
                 self.names.add(value)
 
@@ -238,8 +271,10 @@ def broken(site: Path) -> Iterator[str]:
         read[page] = _Reader()
         read[page].feed(page.read_text(encoding="utf-8"))
     for page, reader in read.items():
-        for lead in reader.leads:
+        for lead in reader.leads + reader.loads:
             parts = urlsplit(lead)
+            if parts.netloc and lead in reader.loads:
+                yield f"{page.relative_to(site)} loads {lead} from another host"
             if parts.scheme or parts.netloc or page == site / "404.html":
                 continue
             goal = (page.parent / unquote(parts.path)).resolve() if parts.path else page
@@ -268,6 +303,10 @@ def build(out: Path) -> int:
         subprocess.run(command, cwd=project, check=True)
         shutil.rmtree(out, ignore_errors=True)
         shutil.copytree(project / "site", out)
+    for page in out.rglob("*.html"):
+        up = "../" * len(page.parent.relative_to(out).parts)
+        text = page.read_text(encoding="utf-8")
+        page.write_text(text.replace(SHIM, f"{up}offline.js"), encoding="utf-8")
     (out / "swim").mkdir(parents=True, exist_ok=True)
     (out / "swim" / "index.html").write_text(swim_page(), encoding="utf-8")
     wrong = list(broken(out))
