@@ -122,8 +122,7 @@ const Scenes = (() => {
     if (at === 0) live.send("scene", scene);
     act?.(live);
     get("guide").hidden = false;
-    get("scene").hidden = true;
-    get("scenes").setAttribute("aria-expanded", false);
+    unfold(false);
     get("guide-title").textContent = `${title} ${at + 1}/${says.length}`;
     get("guide-says").textContent = sentence;
     get("guide-next").textContent = at + 1 < says.length ? "Next" : "Your turn";
@@ -167,6 +166,11 @@ const Scenes = (() => {
   // How much of the water's lower end a guide hides: on a phone it is as wide as the page.
   const covers = () => (get("guide").offsetWidth > 0.7 * innerWidth ? get("guide").offsetHeight : 0);
 
+  function unfold(on) {
+    get("scene").hidden = !on;
+    get("scenes").setAttribute("aria-expanded", on);
+  }
+
   function begin(live) {
     const click = (id, act) => get(id).addEventListener("click", () => act(live));
     get("world").replaceChildren(...Object.keys(worlds).map((name) => new Option(name, name)));
@@ -181,9 +185,10 @@ const Scenes = (() => {
       return button;
     }));
     click("scenes", () => {
-      get("scene").hidden = !get("scene").hidden;
-      get("scenes").setAttribute("aria-expanded", !get("scene").hidden);
+      unfold(get("scene").hidden);
+      if (!get("scene").hidden && !get("troubles").hidden) Tools.showTroubles(); // one panel at a time
     });
+    click("trouble", () => unfold(false));
     click("share", share);
     click("guide-next", next);
     click("guide-close", () => { get("guide").hidden = true; });
