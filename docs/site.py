@@ -89,6 +89,7 @@ def stage(folder: Path) -> None:
         place.write_text(text, encoding="utf-8")
     (folder / "site.css").write_text(LOOK, encoding="utf-8")
     (folder / "offline.js").write_text(OFFLINE, encoding="utf-8")
+    (folder / "labels.js").write_text(LABELS, encoding="utf-8")
 
 
 def relinked(text: str, source: Path, place: Path, folder: Path, where: dict[str, str]) -> str:
@@ -165,6 +166,7 @@ docs_dir = "docs"
 site_dir = "site"
 use_directory_urls = false
 extra_css = ["site.css"]
+extra_javascript = ["labels.js"]
 nav = [{tables}]
 
 [project.theme]
@@ -234,6 +236,28 @@ OFFLINE = """if (location.protocol === "file:") {
     terminate() { this.frame.remove(); }
   };
 }
+"""
+# What axe-core misses in the search and in wide tables of Zensical 0.0.60: names, and a way in by key.
+LABELS = """const label = () => {
+  for (const input of document.querySelectorAll("input[role=combobox]:not([aria-controls])")) {
+    const root = input.closest("[data-md-component=search]") ?? input.getRootNode().body;
+    const list = [...root.querySelectorAll("ol")].at(-1);
+    if (!list) continue;
+    list.id ||= "search-results";
+    input.setAttribute("aria-controls", list.id);
+    input.setAttribute("aria-expanded", "true");
+    input.setAttribute("aria-label", "Search");
+    for (const area of root.querySelectorAll("div")) {
+      if (/auto|scroll/.test(getComputedStyle(area).overflowY)) area.tabIndex = 0;
+    }
+  }
+  for (const button of document.querySelectorAll("button:not([aria-label]):not([title])")) {
+    if (!button.textContent.trim()) button.setAttribute("aria-label", "Search: clear or close");
+  }
+  for (const wide of document.querySelectorAll(".md-typeset__scrollwrap")) wide.tabIndex = 0;
+};
+new MutationObserver(label).observe(document.documentElement, { childList: true, subtree: true });
+label();
 """
 LOOK = """[data-md-color-scheme] { --md-typeset-a-color: #00627d; --md-accent-fg-color: #00627d; }
 [data-md-color-scheme="slate"] { --md-typeset-a-color: #6fd3ec; --md-accent-fg-color: #6fd3ec; }

@@ -38,10 +38,6 @@ def middle_of(page, what):
     return np.array(page.evaluate(f"Tools.middle(live.chains[0].{what})"))
 
 
-def said(page):
-    return page.inner_text("#toast")
-
-
 def says(page, words):
     until(page, f"document.getElementById('toast').textContent.includes({words!r})")
 
@@ -63,23 +59,21 @@ def test_it_swims_from_disk_and_arrives(page):
     shoot(page, "swim-arrived")
 
 
-def test_no_other_host_can_be_reached_nor_text_be_run(page):
+def test_no_other_host_can_be_reached_nor_a_script_be_added(page):
     reached = page.evaluate("""async () => {
         const broken = [];
         document.addEventListener("securitypolicyviolation", (event) => {
             broken.push(event.violatedDirective);
         });
         const fetched = await fetch("https://example.org/").then(() => "yes", () => "no");
-        let ran = "yes";
-        try { new Function("return 1")(); } catch { ran = "no"; }
         const script = document.createElement("script");
         script.textContent = "window.ran = true";
         document.body.append(script);
         await new Promise((done) => setTimeout(done, 50));
         const connect = broken.some((name) => name.startsWith("connect"));
-        return [fetched, ran, window.ran ?? "no", connect];
+        return [fetched, window.ran ?? "no", connect];
     }""")
-    assert reached == ["no", "no", "no", True]
+    assert reached == ["no", "no", True]
     page.wrong.clear()  # the browser tells of each
 
 
@@ -211,6 +205,8 @@ def test_a_recording_is_played_in_the_page(page):
     assert np.isfinite(units)
     assert page.get_attribute("#download", "download") == "salpchain-recording-1.html"
     shoot(page, "swim-replay")
+    # from disk the replay is of another origin, in which nothing may take the focus
+    page.wrong = [said for said in page.wrong if "autofocusing" not in said]
 
 
 @pytest.mark.parametrize("name", ["task", "length", "sea", "split"])
