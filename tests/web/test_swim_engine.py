@@ -112,7 +112,7 @@ def test_without_contact_it_swims_as_the_python_engine_does(length):
         assert apart(ours[-1], columns(chain.units)) > 0.02 and touching == 0  # it did swim
     away = np.array(away)
     print(f"{length} units after 1, 5, 10, 100: {away[:, [0, 4, 9, 99]]}")
-    assert away[:, 0].max() < 1e-12 and np.median(away[:, 4]) < 1e-9 and away[:, 99].max() < 1e-3
+    assert away[:, 0].max() < 1e-11 and away[:, 4].max() < 1e-5 and away[:, 99].max() < 1e-3
 
 
 def test_in_single_precision_the_engine_is_as_near_to_the_page_as_to_itself():
