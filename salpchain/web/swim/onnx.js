@@ -62,25 +62,28 @@ const Onnx = (() => {
       });
   }
 
-  function parsed(buffer, layer) {
+  /** The graph of a file and what its metadata says; throws a RangeError where it is cut short. */
+  function parsed(buffer) {
     const bytes = new Uint8Array(buffer), graph = all(bytes, 7)[0];
     const about = Object.fromEntries(all(bytes, 14).map((one) => [text(one, 1), text(one, 2)]));
-    return { about, found: layers(graph, layer) };
+    if (!graph) throw new RangeError("no graph");
+    return { about, graph };
   }
 
   /** @returns the policy; `of` has what `policy.js` checks with */
-  function policy(buffer, { Refusal, assembled, checkServed, layer }) {
-    let file;
-    try { file = parsed(buffer, layer); } catch (error) {
+  function policy(buffer, of) {
+    const { Refusal, assembled, checkServed, layer } = of;
+    try {
+      const { about, graph } = parsed(buffer);
+      if (!about.observation || !about.model) throw new Refusal("This ONNX file was not written by salpchain export.");
+      checkServed(about);
+      const found = layers(graph, layer), depth = Number(about.depth);
+      if (found.length !== depth + 3) throw new Refusal("The layers of this policy do not fit what its header says of it.");
+      return assembled({ ...about, improved: about.improved === "true" }, found.slice(0, depth), found.slice(depth));
+    } catch (error) {
       if (error instanceof Refusal) throw error;
       throw new Refusal("This is neither a policy.safetensors of salpchain nor an ONNX file that is whole.");
     }
-    const { about, found } = file;
-    if (!about.observation || !about.model) throw new Refusal("This ONNX file was not written by salpchain export.");
-    checkServed(about);
-    const depth = Number(about.depth);
-    if (found.length !== depth + 3) throw new Refusal("The layers of this policy do not fit what its header says of it.");
-    return assembled({ ...about, improved: about.improved === "true" }, found.slice(0, depth), found.slice(depth));
   }
 
   return { policy };
