@@ -384,4 +384,5 @@ def python_plays(policy, env, states):
 def test_it_succeeds_as_often_as_python_on_the_same_starts(length):
     pages, ours = played(length, 100)
     success = np.mean([episode["success"] for episode in pages])
+    print(f"{length} units: page {success:.2f}, Python {ours.mean():.2f} of 100 episodes")
     assert abs(success - ours.mean()) <= 0.03, (success, ours.mean())
