@@ -238,26 +238,28 @@ OFFLINE = """if (location.protocol === "file:") {
 }
 """
 # What axe-core misses in the search and in wide tables of Zensical 0.0.60: names, and a way in by key.
-LABELS = """const label = () => {
-  for (const input of document.querySelectorAll("input[role=combobox]:not([aria-controls])")) {
-    const root = input.closest("[data-md-component=search]") ?? input.getRootNode().body;
-    const list = [...root.querySelectorAll("ol")].at(-1);
-    if (!list) continue;
+LABELS = """const seen = new WeakSet();
+const label = (root) => {
+  if (!seen.has(root)) { // the search has a tree of its own, behind a shadow root
+    seen.add(root);
+    new MutationObserver(() => label(root)).observe(root, { childList: true, subtree: true });
+  }
+  for (const one of root.querySelectorAll("*")) if (one.shadowRoot) label(one.shadowRoot);
+  const list = [...root.querySelectorAll("ol")].at(-1);
+  for (const input of root.querySelectorAll("input[role=combobox]")) {
+    if (!list || input.hasAttribute("aria-controls")) continue;
     list.id ||= "search-results";
     input.setAttribute("aria-controls", list.id);
     input.setAttribute("aria-expanded", "true");
     input.setAttribute("aria-label", "Search");
-    for (const area of root.querySelectorAll("div")) {
-      if (/auto|scroll/.test(getComputedStyle(area).overflowY)) area.tabIndex = 0;
-    }
   }
-  for (const button of document.querySelectorAll("button:not([aria-label]):not([title])")) {
-    if (!button.textContent.trim()) button.setAttribute("aria-label", "Search: clear or close");
+  for (const button of root.querySelectorAll("button:not([aria-label]):not([title])")) {
+    if (!button.textContent.trim()) button.setAttribute("aria-label", "Search: clear or filter");
   }
-  for (const wide of document.querySelectorAll(".md-typeset__scrollwrap")) wide.tabIndex = 0;
+  const areas = root === document ? ".md-typeset__scrollwrap" : "div:has(> div > ol), div:has(> ol)";
+  for (const area of root.querySelectorAll(areas)) area.tabIndex = 0;
 };
-new MutationObserver(label).observe(document.documentElement, { childList: true, subtree: true });
-label();
+label(document);
 """
 LOOK = """[data-md-color-scheme] { --md-typeset-a-color: #00627d; --md-accent-fg-color: #00627d; }
 [data-md-color-scheme="slate"] { --md-typeset-a-color: #6fd3ec; --md-accent-fg-color: #6fd3ec; }
