@@ -1,5 +1,6 @@
 # Two commands: `make demo` and `make test`. Both set up everything in .venv first. `make test-all`
-# runs the slow tests too: whole studies, runs that are killed, every program of the docs.
+# runs the slow tests too: whole studies, runs that are killed, every program of the docs. `make site`
+# writes the documentation and the swim page to site/, ready for any host.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,7 +8,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constr
 OUT ?= demo
 NAME ?= here
 
-.PHONY: demo test test-all lint bench clean
+.PHONY: demo test test-all lint bench site clean
 
 demo: $(VENV)/.installed
 	$(BIN)/salpchain demo --out $(OUT)
@@ -29,6 +30,9 @@ test test-all: $(VENV)/.tested $(VENV)/.browser
 bench: $(VENV)/.tested
 	$(BIN)/python -m benchmarks.run --name $(NAME) $(if $(OVERWRITE),--overwrite)
 
+site: $(VENV)/.documented
+	$(BIN)/python docs/site.py --out site
+
 clean:
 	rm -rf $(VENV)
 
@@ -39,6 +43,10 @@ $(BIN)/python:
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	$(PIP) --editable '.[live]'
 	@touch $@
+
+$(VENV)/.documented: pyproject.toml constraints.txt | $(BIN)/python
+	$(PIP) --editable '.[docs,live]'
+	@touch $@ $(VENV)/.installed
 
 # torch first and alone: then nothing that needs it picks another build.
 $(VENV)/.tested: pyproject.toml constraints.txt | $(BIN)/python

@@ -16,7 +16,7 @@ from salpchain.physics.derivatives import root, scaled_expm1
 CLOSED = 1e-6  # m, a joint open less than this exerts nothing (VMAS)
 
 # log(1 + x) on [0, 1] to 1e-7, as a polynomial: XLA's own costs more than the rest of a substep.
-_LOG1P = chebyshev.cheb2poly(
+LOG1P = chebyshev.cheb2poly(
     chebyshev.Chebyshev.interpolate(lambda x: np.log1p((x + 1) / 2), 9).coef
 ).tolist()
 
@@ -127,7 +127,7 @@ def softplus(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
 
 def _log1p(x: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     centred = 2 * x - 1
-    value = jnp.full_like(x, _LOG1P[-1])
-    for coefficient in _LOG1P[-2::-1]:
+    value = jnp.full_like(x, LOG1P[-1])
+    for coefficient in LOG1P[-2::-1]:
         value = value * centred + coefficient
     return value

@@ -36,6 +36,7 @@ PAGE = {
     "/live.js": ("salpchain.web", "static/live.js", "text/javascript"),
     "/tools.js": ("salpchain.web", "static/tools.js", "text/javascript"),
     "/recording.js": ("salpchain.web", "static/recording.js", "text/javascript"),
+    "/line.js": ("salpchain.web", "static/line.js", "text/javascript"),
     "/live.css": ("salpchain.web", "static/live.css", "text/css"),
     "/look.css": ("salpchain.report", "page/look.css", "text/css"),
     "/drawing.js": ("salpchain.report", "page/drawing.js", "text/javascript"),

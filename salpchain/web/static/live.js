@@ -12,32 +12,20 @@
     epoch: null, time: null, heard: 0, around: null, world: "still", lags: [], frames: 0, framed: 0, states: 0, troubles: [],
   };
   const ripples = [], trails = new Map(), arrivals = new Map();
-  let socket = null, tries = 0, waiting = null, toasting = null, queued = null;
+  let toasting = null, queued = null;
 
-  // --- talking with the server ---------------------------------------------------------------
+  // --- talking with the world, wherever it swims (line.js) ---------------------------------------
 
-  function connect() {
-    clearTimeout(waiting);
-    banner(tries ? "Trying to reach the server again ..." : "Connecting ...", tries > 0);
-    socket = new WebSocket(new URL("swim", location.href).href.replace(/^http/, "ws"));
-    socket.onopen = () => { live.connected = true; banner("The water is being let in ..."); };
-    socket.onmessage = (event) => HEAR[JSON.parse(event.data).type]?.(JSON.parse(event.data));
-    socket.onclose = (event) => {
-      live.connected = false;
-      const wait = Math.min(0.5 * 2 ** tries, 5);
-      tries += 1;
-      const why = event.code === 1013 ? "Too many browsers watch already."
-        : "The server has gone away. Is salpchain live still running in its terminal?";
-      banner(`${why} Trying again by itself ...`, true);
-      waiting = setTimeout(connect, 1000 * wait);
-      buttons();
-    };
-  }
+  const send = Line.open({
+    hear: (message) => HEAR[message.type]?.(message),
+    banner,
+    begun() { live.connected = true; },
+    lost() { live.connected = false; buttons(); },
+    back() { live.toast("Connected again", "good"); },
+  });
 
   live.send = (type, content = {}) => {
-    if (socket && socket.readyState === WebSocket.OPEN) {
-      socket.send(JSON.stringify({ type, ...content }));
-    } else live.toast("The server does not answer yet");
+    if (!send({ type, ...content })) live.toast("The server does not answer yet");
   };
 
   const HEAR = {
@@ -52,13 +40,13 @@
     },
     state: hearState,
     error: (message) => live.toast(message.text),
+    notice: (message) => live.toast(message.text, "good"),
+    recording: (message) => Line.keep(message),
   };
 
   function hearState(state) {
     const now = performance.now();
     live.states += 1;
-    if (tries) live.toast("Connected again", "good");
-    tries = 0;
     const jumped = state.epoch !== live.epoch, moved = jumped || state.time !== live.time;
     const old = new Map(live.chains.map((chain) => [chain.name, chain]));
     live.chains = state.chains.map((chain) => {
@@ -79,6 +67,7 @@
       grade: state.grade, roughening: state.roughening,
     });
     Recording.hear(state);
+    Line.tell?.(live, state);
     if (live.held?.waits) answerHeld(state);
     if (!live.chosen()) live.name = live.chains[0]?.name ?? null;
     words();
@@ -190,7 +179,7 @@
       : live.roughening ? "The water gets rough in a moment" : "");
     offer();
     const where = live.world === "still" ? "" : `The world is ${live.world}, drawn anew at each reset. `;
-    say("health", `${where}A step takes ${live.took} ms on the server.${lagWords()}`);
+    say("health", `${where}A step takes ${live.took} ms ${Line.where}.${lagWords()}`);
     buttons();
   }
 
@@ -256,7 +245,8 @@
       ...chain.units, ...live.targetOf(chain), Tools.knob(live, chain)]);
     points.push(...Surroundings.corners({ ...live.around, target: points, centroid: [] }));
     const { camera } = live, [left, top, width, height] = camera.box;
-    const above = 14 + get("shapes").offsetHeight, below = 40 + (get("arrived").offsetHeight || 30); // pixels
+    const above = 14 + get("shapes").offsetHeight, below = 40 + Math.max(
+      get("arrived").offsetHeight || 30, Line.covers?.() ?? 0); // pixels
     camera.box = [left, top, width, Math.max(height - above - below, 100)];
     const goal = camera.whole(points, 0.16, 700);
     goal.y += (above - below) / 2 / goal.scale;
@@ -405,7 +395,7 @@
   });
 
   Recording.begin(live);
+  Line.begin?.(live);
   window.live = live;
-  connect();
   requestAnimationFrame(frame);
 })();

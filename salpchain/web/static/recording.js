@@ -4,8 +4,6 @@ const Recording = (() => {
   const get = (id) => document.getElementById(id);
   let mine = false, known = null, running = null;
 
-  const place = (number) => `recordings/${number}.html`;
-
   function press(live) {
     mine = true;
     live.send("record", { on: running === null });
@@ -24,7 +22,7 @@ const Recording = (() => {
   }
 
   function show() {
-    get("download").href = get("tab").href = get("player").src = place(known);
+    get("download").href = get("tab").href = get("player").src = Line.recording(known);
     get("download").download = `salpchain-recording-${known}.html`;
     get("which").textContent = `Recording ${known}`;
     get("recorded").showModal();

@@ -1,0 +1,109 @@
+"""What the swim page costs: `python -m benchmarks.swim_page` writes swim-page-NAME.json.
+
+Bytes, seconds to the first stroke, frames per second, milliseconds of a control step: in the
+system's Chromium without a screen, opened from disk.
+"""
+
+import argparse
+import gzip
+import json
+import statistics
+import tempfile
+from pathlib import Path
+
+from playwright.sync_api import Page, sync_playwright
+
+from salpchain.machine import processor
+from salpchain.web.swim_page import swim_page
+from tests.web.browser import QUIET, chromium
+
+RESULTS = Path(__file__).parent / "results"
+SECONDS = 10  # of swimming that is watched, for each length
+STROKE = """() => new Promise((done) => {
+    const look = () => {
+        const pushes = window.live?.chains.some((c) => c.units.some((u) => Math.abs(u[3]) > 0.01));
+        if (pushes && live.frames > 0) requestAnimationFrame(() => done(performance.now()));
+        else requestAnimationFrame(look);
+    };
+    look();
+})"""
+WATCH = """(seconds) => new Promise((done) => {
+    const begin = performance.now(), first = live.frames, took = [];
+    let seen = live.states;
+    const look = () => {
+        if (live.states !== seen) { took.push(live.took); seen = live.states; }
+        const passed = (performance.now() - begin) / 1000;
+        if (passed < seconds) requestAnimationFrame(look);
+        else done({ frames: (live.frames - first) / passed, states: took.length / passed, took });
+    };
+    look();
+})"""
+
+
+def swims(page: Page, length: int) -> dict[str, float]:
+    """A chain of this length in contact with itself: it is drawn to a ring of three turns."""
+    page.evaluate("(length) => live.send('scene', {length, seed: 2})", length)
+    wait(page, f"live.chains[0].units.length === {length}")
+    page.evaluate(COIL, length)
+    page.wait_for_timeout(3000)
+    seen = page.evaluate(WATCH, SECONDS)
+    took = sorted(seen["took"])
+    return {
+        "frames per second": round(seen["frames"], 1),
+        "control steps per second": round(seen["states"], 1),
+        "step, median, ms": round(statistics.median(took), 2),
+        "step, 95 %, ms": round(took[int(0.95 * len(took))], 2),
+    }
+
+
+COIL = """(length) => {
+    const points = [[0, 0]];
+    let angle = 0;
+    for (let i = 1; i < length; i++) {
+        angle += 0.9;
+        const [x, y] = points[i - 1];
+        points.push([x + 0.07 * Math.cos(angle), y + 0.07 * Math.sin(angle)]);
+    }
+    live.send("draw", {chain: live.chains[0].name, points});
+}"""
+
+
+def wait(page: Page, condition: str) -> None:
+    """Waits for a condition in the page, whose own policy forbids Playwright's waiting."""
+    while not page.evaluate(condition):
+        page.wait_for_timeout(20)
+
+
+def measured() -> dict[str, object]:
+    """All figures."""
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        file = Path(folder) / "index.html"
+        text = swim_page()
+        file.write_text(text)
+        browser = playwright.chromium.launch(executable_path=chromium(), args=QUIET)
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        strokes = []
+        for _ in range(6):
+            page.goto("about:blank")
+            page.goto(file.as_uri())
+            strokes.append(page.evaluate(STROKE) / 1000)
+        lengths = {str(length): swims(page, length) for length in (16, 64, 128)}
+        version = browser.version
+        browser.close()
+    return {
+        "bytes": len(text.encode()),
+        "bytes, gzip": len(gzip.compress(text.encode())),
+        "first stroke, s, median of 5, warm": round(statistics.median(strokes[1:]), 3),
+        "first stroke, s, cold": round(strokes[0], 3),
+        "by units": lengths,
+        "browser": f"Chromium {version}",
+        "processor": processor(),
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--name", default="here")
+    found = measured()
+    (RESULTS / f"swim-page-{parser.parse_args().name}.json").write_text(json.dumps(found, indent=2))
+    print(json.dumps(found, indent=2))
