@@ -198,7 +198,8 @@ def _loose_joints(
     rig: Rig, ends: tuple[Array, Array], bends: tuple[Array, Array], opening: Opening
 ) -> JointForces:
     """What joints exert that can be cut: all links hang on their first unit."""
-    physics, held, joined = rig.physics, rig.held, rig.joined
+    physics, joined = rig.physics, rig.joined
+    held = joined if rig.held is None else rig.held
     constants = physics.joint_stiffness, physics.softness
     return JointForces(
         FORCES[physics.joint_derivative](ends[0], held, *constants),
