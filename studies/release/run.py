@@ -24,6 +24,7 @@ from salpchain.files import read_json, write_json
 from salpchain.training import presets, run_folder
 from salpchain.training.config import Mix, TrainConfig
 from salpchain.training.settings import preset
+from salpchain.world.config import WorldConfig
 from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
@@ -119,7 +120,9 @@ def release(name: str, runs: Path) -> None:
     save_policy(policy, file, half=True)
     tested = run / "evaluation"
     if not (tested / SUMMARY_FILE).exists():
-        evaluate(load(file), LENGTHS, TRIALS, LIMIT, SEED, tested, baseline=False)
+        where = stages[-1].world.dynamics  # judged in still water, but by the dynamics it is for
+        world = WorldConfig(dynamics=where) if where.kind != "vmas" else "still"
+        evaluate(load(file), LENGTHS, TRIALS, LIMIT, SEED, tested, baseline=False, world=world)
     summary = read_json(tested / SUMMARY_FILE)
     for folder in (FOLDER, TESTS):
         folder.mkdir(exist_ok=True)
