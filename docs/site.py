@@ -29,7 +29,7 @@ PAGES = {
     },
     "Tutorials": {
         "From Python": "docs/python.md", "Train": "docs/training.md", "Evaluate": "docs/evaluate.md",
-        "Judge in trouble": "docs/suite.md", "Worlds": "docs/world.md", "Tasks": "docs/tasks.md",
+        "Judge in trouble": "docs/suite.md", "Worlds": "docs/world.md", "Dynamics": "docs/dynamics.md", "Tasks": "docs/tasks.md",
         "On a robot": "docs/interop/export.md", "Compare": "docs/compare.md",
     },
     "How to": {

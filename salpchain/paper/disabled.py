@@ -24,7 +24,7 @@ from salpchain.evaluation.progress import Progress, telling
 from salpchain.evaluation.statistics import describe, share
 from salpchain.evaluation.suite_trials import run_cells
 from salpchain.evaluation.suites import Cell
-from salpchain.files import read_json, write_json, write_text
+from salpchain.files import StrPath, read_json, write_json, write_text
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.ranges import Range
 from salpchain.report.style import STYLE, legend_below, looks, percent_axes, save
@@ -91,7 +91,7 @@ def experiment(
     trained: Sequence[int],
     trials: int,
     seed: int,
-    out: Path,
+    out: StrPath,
     progress: Progress | None = None,
 ) -> list[Path]:
     """Plays what is not there yet and writes `disabled.json`, `.csv`, `.png` and `.pdf` in `out`.
@@ -103,7 +103,7 @@ def experiment(
         InputError: a controller was trained on none of them, or `out` holds other results.
     """
     asked = {"trials": trials, "seed": seed, "time_limit": TIME_LIMIT}
-    jobs = _jobs(policies, trained)
+    out, jobs = Path(out), _jobs(policies, trained)
     files = [out / f"{policy.card.name}-{length}.json" for policy, length in jobs]
     abouts = [{**asked, "identity": identity(policy)} for policy, _ in jobs]
     there = list(map(_is_kept, files, abouts))
@@ -160,7 +160,7 @@ def _is_kept(file: Path, asked: dict[str, Any]) -> bool:
     return True
 
 
-def draw(cells: Sequence[dict[str, Any]], out: Path) -> list[Path]:
+def draw(cells: Sequence[dict[str, Any]], out: StrPath) -> list[Path]:
     """Success by the number of disabled units: a row for each training length, a column for each
     test length. Lines with intervals: a choice of units for each episode; hollow: one for all."""
     trained = sorted({cell["trained"] for cell in cells})

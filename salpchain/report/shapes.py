@@ -41,7 +41,9 @@ def unit_outlines(
     return _placed(signs * half + corner * np.stack([np.cos(bow), np.sin(bow)], 1), position, angle)
 
 
-def pieces(position: Points, parted: Bool[np.ndarray, " link"], ends: Points) -> list[Points]:
+def pieces(
+    position: Points, parted: Bool[np.ndarray, " link"], ends: Float[np.ndarray, "link 2"]
+) -> list[Points]:
     """The chain as lines (m), one for each piece: where a link is cut it hangs on the unit before
     it, up to its second end."""
     cut = np.flatnonzero(parted)

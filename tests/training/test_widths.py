@@ -83,7 +83,7 @@ def test_actions_and_values_are_the_same_with_fewer_slots(states, model, graph, 
 def test_gradients_are_the_same_with_fewer_slots(states, model, graph, critic, credit):
     policy = network(model, graph, critic)
     known = _known(ENV, policy, states)
-    mean, value = _tell(policy, states, (), known)
+    mean, value, _ = _tell(policy, states, (), known)
     keys = jr.split(jr.key(5), CHAINS)
     sample = jax.vmap(partial(_sample, policy))(states, mean, value, keys, known)
     gain = jr.normal(jr.key(6), (CHAINS, SLOTS if credit == "unit" else 1))
@@ -93,7 +93,7 @@ def test_gradients_are_the_same_with_fewer_slots(states, model, graph, critic, c
 
     @partial(jax.jit, static_argnums=0)
     def gradient(widths):
-        return _gradient(policy, config, flat, chosen, 0.01, widths)
+        return _gradient(policy, config, flat, chosen, 0.01, widths, None)
 
     whole, sorted_ = gradient(()), gradient((3, 6, 9))
     for one, other in zip(*map(jax.tree.leaves, (whole, sorted_)), strict=True):
