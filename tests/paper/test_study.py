@@ -74,6 +74,7 @@ def test_a_study_leaves_every_run_its_tests_figures_and_a_report(undisturbed):
     assert "all 2 runs are whole" in (report / "report.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_whole_study_is_not_done_again(undisturbed):
     before = {path: path.stat().st_mtime_ns for path in (undisturbed / "runs").rglob("*")}
     assert reproduce(undisturbed, jobs="1")[0] == 0
@@ -115,6 +116,7 @@ def test_a_damaged_result_is_named_and_set_aside_then_done_again(undisturbed, tm
     assert mended.read_text() == meant.read_text()
 
 
+@pytest.mark.slow
 def test_another_grid_is_refused_in_one_line(undisturbed):
     status, said = reproduce(undisturbed, trials="3")
     assert status == 2 and said.count("\n") == 1 and "another grid: trials 2 there, 3 given" in said

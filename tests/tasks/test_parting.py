@@ -43,7 +43,11 @@ def one(states, index=0):
     return jax.tree.map(lambda x: x[index], states)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+SELDOM = ("passage two", "passage winding", "passage blocks", "passage tunnel")
+EACH = [pytest.param(name, marks=[pytest.mark.slow] * (name in SELDOM)) for name in CONFIGS]
+
+
+@pytest.mark.parametrize("name", EACH)
 def test_an_episode_begins_at_rest_with_joints_closed_and_nothing_in_the_way(name):
     env, states = begun(name)
     for index in range(12):
