@@ -85,7 +85,7 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
 def any_length_landsalp() -> TrainConfig:
     """`any_length` on the ground: hinged links whose drag is three times as large across."""
     mix = any_length().mix
-    settings = {"world.dynamics.kind": "landsalp", "task.time_limit": LIMIT, "steps": 30_000_000}
+    settings = {"world.dynamics.kind": "landsalp", "task.time_limit": LIMIT, "steps": 4_000_000}
     return preset(length="2..16", settings={**settings, "mix.weights": mix.weights})
 
 
