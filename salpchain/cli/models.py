@@ -61,8 +61,9 @@ def run(options: Models) -> None:
         print(f"{name:<8} {0:>10,}   {written.about}; for any length")
     if released():
         print("\nreleased policies (salpchain models NAME shows the model card)")
+    width = max([14, *map(len, released())])
     for name in released():
-        print(f"{name:<14} {model_card(name)['about']}")
+        print(f"{name:<{width}} {model_card(name)['about']}")
 
 
 def _as_json(observation: str, length: int, counts: dict[str, int]) -> str:
