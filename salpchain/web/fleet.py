@@ -13,6 +13,7 @@ from salpchain.files import StrPath
 QUICK = [name for name, written in WRITTEN.items() if written.live]
 SPARE = "greedy"  # steers if the first policy cannot
 BEST = ("any-length",)  # released policies that steer first if there are any, best first
+NOT_SHOWN = ("any-length-landsalp",)  # released for chains that the page does not show
 MOST = 200  # policies in the list (chosen)
 
 
@@ -26,7 +27,7 @@ class Fleet:
             InputError: the chosen one is neither a name, nor a run folder, nor a policy file, or
                 too slow to steer while a person watches.
         """
-        self._paths = released()
+        self._paths = {n: path for n, path in released().items() if n not in NOT_SHOWN}
         self._paths |= _runs_in(Path(runs)) if runs else {}
         best = [name for name in BEST if name in self._paths]
         self.first = best[0] if best else next(iter(self._paths), "approach")
