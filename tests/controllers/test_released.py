@@ -81,4 +81,4 @@ def test_the_package_s_own_are_small_whole_and_have_cards():
         assert CARD.keys() <= card.keys() and len(card["measured"]) >= 10
         assert load(name).card.name == name
         size += path.stat().st_size
-    assert size < 2e6
+    assert size < 4e6  # bytes; the repository stays small
