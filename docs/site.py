@@ -147,19 +147,7 @@ def command_line() -> str:
     return "\n".join(parts)
 
 
-def settings() -> str:
-    """Zensical's settings. JSON's texts and lists are TOML's too."""
-    where = places()
-    nav = [
-        {
-            title: [
-                {name: where[page] if page != "cli" else "cli.md"} for name, page in pages.items()
-            ]
-        }
-        for title, pages in PAGES.items()
-    ]
-    tables = ", ".join(_table(one) for one in nav)
-    return f"""[project]
+SETTINGS = """[project]
 site_name = "salpchain"
 site_description = "Simulate chains of jet-driven units, and train one controller for any length"
 docs_dir = "docs"
@@ -167,7 +155,7 @@ site_dir = "site"
 use_directory_urls = false
 extra_css = ["site.css"]
 extra_javascript = ["labels.js"]
-nav = [{tables}]
+nav = [NAVIGATION]
 
 [project.theme]
 language = "en"
@@ -199,6 +187,20 @@ permalink = true
 
 [project.markdown_extensions.pymdownx.highlight]
 """
+
+
+def settings() -> str:
+    """Zensical's settings. JSON's texts and lists are TOML's too."""
+    where = places()
+    nav = [
+        {
+            title: [
+                {name: where[page] if page != "cli" else "cli.md"} for name, page in pages.items()
+            ]
+        }
+        for title, pages in PAGES.items()
+    ]
+    return SETTINGS.replace("NAVIGATION", ", ".join(_table(one) for one in nav))
 
 
 def _table(one: dict) -> str:

@@ -25,7 +25,6 @@ from salpchain.controllers.named import check_there, is_name, load
 from salpchain.errors import InputError
 from salpchain.evaluation.config import parse_lengths, programs
 from salpchain.evaluation.suites import suite
-from salpchain.files import make_writable
 from salpchain.plugins import is_path
 from salpchain.tasks.config import TIME_LIMITS
 from salpchain.world.presets import world_config
@@ -103,7 +102,6 @@ def run(options: Evaluate) -> None:
     for length in lengths:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy)
-    make_writable(out)
     from salpchain.cli.display import share_display
     from salpchain.evaluation import impossible
     from salpchain.evaluation.evaluate import evaluate
@@ -138,7 +136,6 @@ def _run_suite(options: Evaluate) -> None:
     for length in lengths:
         tested.card.check_serves(length)
     out = Path(options.out) if options.out else default_out(options.policy, meant.name)
-    make_writable(out)
     from salpchain.cli.display import share_display
     from salpchain.evaluation.suite import run_suite
     from salpchain.report.suite import suite_page, verdict

@@ -129,15 +129,15 @@ def _disabled(options: Reproduce) -> int:
     lengths = parse_lengths(options.lengths)
     trials = positive("trials", options.trials) if options.trials else None
     from salpchain.cli.display import share_display
-    from salpchain.controllers.released import released
+    from salpchain.controllers.released import PAPER_DYNAMICS, released
     from salpchain.controllers.storage import load
     from salpchain.devices import use_devices
-    from salpchain.paper.disabled import TRIALS, experiment
+    from salpchain.paper.disabled import TRIALS, experiment, jobs_of
 
     use_devices()
-    policies = [
-        load(name) for name in _names("policies", options.policies or ",".join(released()), ())
-    ]
+    names = options.policies or ",".join(released(PAPER_DYNAMICS))
+    policies = [load(name) for name in _names("policies", names, ())]
+    jobs_of(policies, lengths)  # refused, if at all, before anything is written
     out = Path(options.out) / DISABLED
     make_writable(out)
     with alone(out), share_display("testing") as watch:

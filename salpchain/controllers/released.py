@@ -11,12 +11,25 @@ PARTS = {
     "about", "command", "training_lengths", "steps", "minutes", "licence", "limits",
     "measured", "trials", "seed", "time_limit",
 }  # fmt: skip
+PAPER_DYNAMICS = "vmas"  # of cards that name none
 FOLDER = Path(str(files("salpchain"))) / "policies"
 
 
-def released() -> dict[str, Path]:
-    """The files of released policies by name."""
-    return {path.stem: path for path in sorted(FOLDER.glob("*.safetensors"))}
+def released(dynamics: str | None = None) -> dict[str, Path]:
+    """The files of released policies by name; of those for chains of these dynamics, if given.
+
+    Raises:
+        InputError: `dynamics` are asked for, and a card is damaged.
+    """
+    every = {path.stem: path for path in sorted(FOLDER.glob("*.safetensors"))}
+    if dynamics is None:
+        return every
+    return {name: path for name, path in every.items() if dynamics_of(name) == dynamics}
+
+
+def dynamics_of(name: str) -> str:
+    """The dynamics (`world.dynamics.kind`) of the chains that a released policy is for."""
+    return model_card(name).get("dynamics", PAPER_DYNAMICS)
 
 
 def model_card(name: str) -> dict[str, Any]:

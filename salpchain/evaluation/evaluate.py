@@ -18,7 +18,7 @@ from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE, Lengths, as_l
 from salpchain.evaluation.kept import check_kept, settings
 from salpchain.evaluation.progress import Progress, telling
 from salpchain.evaluation.statistics import Summary, summarise
-from salpchain.evaluation.trials import REACH, run_limits
+from salpchain.evaluation.trials import REACH, domain_for, run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute
@@ -110,6 +110,7 @@ def _checked(
     kind = controller.card.trained_for if task is None else task_config(task)
     for length in units:
         kind.check_possible(length)
+    domain_for([controller], max(units), time_limit, world, kind)  # refused before all else
     return _Asked(units, trials, time_limit, check_seed(seed), as_config(world), kind)
 
 

@@ -103,7 +103,7 @@ def experiment(
         InputError: a controller was trained on none of them, or `out` holds other results.
     """
     asked = {"trials": trials, "seed": seed, "time_limit": TIME_LIMIT}
-    out, jobs = Path(out), _jobs(policies, trained)
+    out, jobs = Path(out), jobs_of(policies, trained)
     files = [out / f"{policy.card.name}-{length}.json" for policy, length in jobs]
     abouts = [{**asked, "identity": identity(policy)} for policy, _ in jobs]
     there = list(map(_is_kept, files, abouts))
@@ -125,8 +125,12 @@ def experiment(
     return [out / f"{NAME}.json", *draw(cells, out / f"{NAME}.png")]
 
 
-def _jobs(policies: Sequence[Policy], trained: Sequence[int]) -> list[tuple[Policy, int]]:
-    """Each policy with each of these lengths that it was trained on."""
+def jobs_of(policies: Sequence[Policy], trained: Sequence[int]) -> list[tuple[Policy, int]]:
+    """Each policy with each of these lengths that it was trained on.
+
+    Raises:
+        InputError: a policy was trained on none of them, or two have the same name.
+    """
     names, jobs = [policy.card.name for policy in policies], []
     for policy in policies:
         if names.count(policy.card.name) > 1:

@@ -38,8 +38,15 @@ def joint_force(
 ) -> Float[Array, "2 link batch"]:
     """Force (N) along the opening (m) of a joint, softplus-shaped; none while it is closed."""
     distance = root(opening[0] * opening[0] + opening[1] * opening[1])
-    size = stiffness * softness * softplus(distance * (1 / softness))
-    acts = joined & (distance >= CLOSED)
+    return _pull(opening, distance, distance, joined, stiffness, softness)
+
+
+def _pull(
+    opening: Array, distance: Array, beyond: Array, joined: Array, stiffness: Any, softness: Any
+) -> Array:
+    """Force (N) along an opening of this distance (m), of which so much is `beyond` the slack."""
+    size = stiffness * softness * softplus(beyond * (1 / softness))
+    acts = joined & (beyond >= CLOSED)
     return jnp.where(acts, size / jnp.maximum(distance, CLOSED), 0.0) * opening
 
 
@@ -81,9 +88,7 @@ def slack_force(
     """`joint_force` of a joint that pulls only where it is open by more than its slack (m)."""
     distance = root(opening[0] * opening[0] + opening[1] * opening[1])
     beyond = jnp.maximum(distance - slack, 0.0)
-    size = stiffness * softness * softplus(beyond * (1 / softness))
-    acts = joined & (beyond >= CLOSED)
-    return jnp.where(acts, size / jnp.maximum(distance, CLOSED), 0.0) * opening
+    return _pull(opening, distance, beyond, joined, stiffness, softness)
 
 
 @jax.custom_jvp

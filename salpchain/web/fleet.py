@@ -5,7 +5,7 @@ from pathlib import Path
 from salpchain.controllers import named
 from salpchain.controllers.named import WRITTEN, check_live, check_there, is_name, is_own
 from salpchain.controllers.policy import Controller
-from salpchain.controllers.released import released
+from salpchain.controllers.released import PAPER_DYNAMICS, released
 from salpchain.controllers.storage import POLICY_FILE, load
 from salpchain.errors import InputError
 from salpchain.files import StrPath
@@ -13,7 +13,6 @@ from salpchain.files import StrPath
 QUICK = [name for name, written in WRITTEN.items() if written.live]
 SPARE = "greedy"  # steers if the first policy cannot
 BEST = ("any-length",)  # released policies that steer first if there are any, best first
-NOT_SHOWN = ("any-length-landsalp",)  # released for chains that the page does not show
 MOST = 200  # policies in the list (chosen)
 
 
@@ -27,7 +26,7 @@ class Fleet:
             InputError: the chosen one is neither a name, nor a run folder, nor a policy file, or
                 too slow to steer while a person watches.
         """
-        self._paths = {n: path for n, path in released().items() if n not in NOT_SHOWN}
+        self._paths = released(PAPER_DYNAMICS)  # the page shows no other chains
         self._paths |= _runs_in(Path(runs)) if runs else {}
         best = [name for name in BEST if name in self._paths]
         self.first = best[0] if best else next(iter(self._paths), "approach")

@@ -118,6 +118,11 @@ class ThrusterConfig:
             raise InputError(
                 f"world.thrusters.one_sided must be true or false, got {told(self.one_sided)}"
             )
+        if self.one_sided_share != 1 and not self.one_sided:
+            raise InputError(
+                "world.thrusters.one_sided_share is of episodes with jets that push one way: give"
+                f" world.thrusters.one_sided=true, got {told(self.one_sided_share)} without"
+            )
         if not (is_number(self.one_sided_share) and 0 <= self.one_sided_share <= 1):
             raise InputError(
                 "world.thrusters.one_sided_share must be a share of the episodes, 0 to 1, got"

@@ -78,10 +78,8 @@ def _sparing(config: WorldConfig, key: PRNGKeyArray, ease: Scalar | None) -> Wor
 
     kept = {name: getattr(config, name) for name in ("name", "obstacles", "spared")}
     dynamics = replace(config.dynamics, mass=ONE, drag=ONE, stiffness=ONE)
-    jets = config.thrusters if config.thrusters.one_sided_share < 1 else ThrusterConfig()
-    thrusters = ThrusterConfig(
-        one_sided=jets.one_sided, one_sided_share=config.thrusters.one_sided_share
-    )
+    share_of_jets = config.thrusters.one_sided_share
+    thrusters = ThrusterConfig(one_sided=share_of_jets < 1, one_sided_share=share_of_jets)
     return chosen((config, WorldConfig(dynamics=dynamics, thrusters=thrusters, **kept)), which)
 
 

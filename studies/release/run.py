@@ -129,7 +129,7 @@ def release(name: str, runs: Path) -> None:
     write_json(TESTS / f"{name}.json", summary)
     save_policy(policy, FOLDER / file.name, half=True)
     trained_for = _together([runs / stage for stage in folders])
-    card = _card(policy, about, trained_for, summary)
+    card = _card(policy, about, trained_for, summary, stages[-1].world.dynamics.kind)
     if name in SUITES_OF:
         card["limits"] = "simulated only; measured from straight starts at rest"
         card["suite"] = _suite(load(file), SUITES_OF[name], run / "suite")
@@ -159,7 +159,11 @@ def _suite(policy: Policy, name: str, out: Path) -> dict[str, Any]:
 
 
 def _card(
-    policy: Policy, about: str, trained_for: dict[str, Any], summary: dict[str, Any]
+    policy: Policy,
+    about: str,
+    trained_for: dict[str, Any],
+    summary: dict[str, Any],
+    dynamics: str,
 ) -> dict[str, Any]:
     name = policy.card.name
     return {
@@ -171,6 +175,7 @@ def _card(
         "limits": "simulated only; measured from straight starts at rest, with exact sensors, no"
         " delay and no current",
         "licence": "Apache-2.0",
+        "dynamics": dynamics,
         "trials": TRIALS,
         "seed": SEED,
         "time_limit": LIMIT,

@@ -74,7 +74,12 @@ VALUES = {
     "world.thrusters.gain": ("0.6:1", (0.6, 1.0), (), "3"),
     "world.thrusters.lag": ("0.2", (0.2, 0.2), (), "-1"),
     "world.thrusters.one_sided": ("true", True, (), "left"),
-    "world.thrusters.one_sided_share": ("0.5", 0.5, (), "2"),
+    "world.thrusters.one_sided_share": (
+        "0.5",
+        0.5,
+        ("world.thrusters.one_sided=true",),
+        "2",
+    ),
     "world.sensing.position": ("0:0.01", (0.0, 0.01), (), "-1"),
     "world.sensing.angle": ("0.1", (0.1, 0.1), (), "1:2:3"),
     "world.sensing.position_bias": ("0.02", (0.02, 0.02), (), "-1"),
