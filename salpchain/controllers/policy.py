@@ -13,7 +13,7 @@ from salpchain.controllers.named import check_printable
 from salpchain.errors import InputError
 from salpchain.given import told, whole
 from salpchain.networks.actor_critic import ActorCritic
-from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
+from salpchain.networks.config import SINGLE_LENGTH, ControlConfig, check_jets
 from salpchain.networks.graph import Graph, of_adjacency
 from salpchain.networks.layers import WIDTH
 from salpchain.switches import refused_if_sharded, standard_promotion
@@ -47,6 +47,7 @@ class PolicyCard:
         check_observation(self.observation)
         one_of("action", self.action, ACTION_SIZES)
         check_kinds(self)
+        check_jets(self.control, self.observation)
         check_printable(self.name)
         check_task(self.task_name)
         if not _are_settings(self.task_settings):

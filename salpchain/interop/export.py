@@ -58,6 +58,11 @@ def _check_known(policy: Policy) -> None:
             f"only policies that remember nothing can be exported, the units of {card.name} have"
             " memory"
         )
+    if card.control.by_jet:
+        raise InputError(
+            f"only policies of one network can be exported, {card.name} has two, by what jet a unit"
+            " has"
+        )
     if card.control.graph not in GRAPHS:
         raise InputError(
             f"only the graphs {', '.join(GRAPHS)} can be exported, {card.name} has the graph"

@@ -16,7 +16,7 @@ from salpchain.networks.layers import ACTOR_GAIN, WIDTH, Head, Recall, head, rec
 from salpchain.networks.mlp import mlp
 from salpchain.plugins import find
 from salpchain.tasks.config import ACTION_SIZES
-from salpchain.tasks.features import observation_size
+from salpchain.tasks.features import JETS, observation_size
 
 Observation = Float[Array, "unit inputs"]
 Known = Float[Array, "unit known"]  # what a critic of its own observes
@@ -78,7 +78,10 @@ def _own_trunk(key: PRNGKeyArray, config: ControlConfig, inputs: int) -> Trunk:
 class ActorCritic(Protocol):
     """A Gaussian over each unit's action, and the value of the whole chain."""
 
-    log_std: Float[Array, "*slots act"]
+    @property
+    def log_std(self) -> Any:
+        """Of each action, (act,) or (slot, act)."""
+        ...
 
     @property
     def critic_observes(self) -> str:
@@ -190,6 +193,65 @@ class GraphActorCritic(eqx.Module):
         return self.critic(jax.nn.softmax(score) @ features)[0]
 
 
+class ByJet(eqx.Module):
+    """Two networks: a unit whose jet pushes one way acts by the second, every other by the first.
+
+    A mixture of two experts (Jacobs et al. 1991) whose gate is not learned, for a unit knows what
+    jet it has. Both hear the whole graph. A chain with a jet that pushes one way is judged by the
+    second network. The spread of the actions in training is that of the first.
+    """
+
+    both_ways: GraphActorCritic
+    one_way: GraphActorCritic
+
+    @property
+    def log_std(self) -> Any:
+        """Of the actions of either, (act,) or (slot, act)."""
+        return self.both_ways.log_std
+
+    @property
+    def critic_observes(self) -> str:
+        """The observation that its critics need besides; none if they need none."""
+        return self.both_ways.critic_observes
+
+    @property
+    def recall(self) -> None:
+        """Its units remember nothing."""
+        return None
+
+    def __call__(
+        self,
+        obs: Observation,
+        present: Present,
+        joined: Joined,
+        graph: Graph | None = None,
+        known: Known | None = None,
+    ) -> tuple[Action, Float[Array, ""]]:
+        """Mean action of each unit, and the value; on another graph than its own if given."""
+        two, one = (
+            network(obs, present, joined, graph, known)
+            for network in (self.both_ways, self.one_way)
+        )
+        pushes_one_way = _pushes_one_way(obs)
+        action = jnp.where(pushes_one_way[:, None], one[0], two[0])
+        return action, jnp.where((pushes_one_way & present).any(), one[1], two[1])
+
+    def act(
+        self, obs: Observation, present: Present, joined: Joined, graph: Graph | None = None
+    ) -> Action:
+        """Mean action of each unit alone: what the deterministic policy does."""
+        two, one = (
+            network.act(obs, present, joined, graph) for network in (self.both_ways, self.one_way)
+        )
+        return jnp.where(_pushes_one_way(obs)[:, None], one, two)
+
+
+def _pushes_one_way(obs: Observation) -> Bool[Array, " unit"]:
+    """Which units observe a jet of their own that pushes forwards and not backwards."""
+    thruster, reverse = (obs[:, place] for place in JETS)
+    return (thruster > 0) & (reverse <= 0)
+
+
 def _on_graph(trunk: Trunk, obs: Observation, graph: Graph) -> Float[Array, "unit 128"]:
     """What a trunk makes of the observations; nodes that are no units observe nothing."""
     others = graph.nodes - len(obs)
@@ -204,6 +266,17 @@ def actor_critic(
     log_std = jnp.full((*slots, actions), START_LOG_STD)
     if config.model in SINGLE_LENGTH:
         return mlp(key, inputs, actions, length, log_std)
+    if config.by_jet:
+        each = (_graph_actor_critic(k, config, inputs, log_std) for k in jr.split(key))
+        return ByJet(*each)
+    return _graph_actor_critic(key, config, inputs, log_std)
+
+
+def _graph_actor_critic(
+    key: PRNGKeyArray, config: ControlConfig, inputs: int, log_std: Float[Array, "*slots act"]
+) -> GraphActorCritic:
+    """Heads on a trunk, with fresh weights."""
+    actions = log_std.shape[-1]
     trunk_key, actor_key, critic_key, score_key = jr.split(key, 4)
     own = None
     if config.critic:

@@ -7,7 +7,7 @@ from salpchain.checks import check_kinds, one_of
 from salpchain.errors import InputError
 from salpchain.given import told
 from salpchain.plugins import check_known
-from salpchain.tasks.features import check_observation, readings
+from salpchain.tasks.features import check_observation, layout, readings
 
 
 class Spec(NamedTuple):
@@ -36,7 +36,8 @@ class ControlConfig:
     Raises:
         InputError: an unknown model, graph or observation of the critic; the message lists the
             known ones. `improved` for another model than gcn. A depth out of range, or of a model
-            without graph layers; a critic's trunk of its own, or memory, for one without a trunk.
+            without graph layers; a critic's trunk of its own, memory or networks by jet for one
+            without a trunk; both of the last two.
     """
 
     model: str = "gcn"  # one of `MODELS`, or a trunk of one's own as module:Class
@@ -48,6 +49,7 @@ class ControlConfig:
     # (asymmetric actor and critic, Pinto et al. 2018); none: the actor's trunk (the paper's).
     critic: str = ""
     memory: bool = False  # each unit remembers: a gated recurrent cell after the graph layers
+    by_jet: bool = False  # a second network, by which units act whose jets push one way
 
     def __post_init__(self) -> None:
         check_kinds(self)
@@ -57,6 +59,9 @@ class ControlConfig:
             _check_critic(self.critic, self.model)
         if self.memory and self.model in SINGLE_LENGTH:
             raise InputError(f"memory is of units on a graph: an {self.model} has none")
+        if self.by_jet and (self.memory or self.model in SINGLE_LENGTH):
+            has = "memory" if self.memory else f"model {self.model}"
+            raise InputError(f"by_jet is of units on a graph that remember nothing, got {has}")
         if self.improved and self.model != "gcn":
             raise InputError(f"improved belongs to the model gcn, got model {self.model}")
         if not PAPER_DEPTH <= self.depth <= DEEPEST:
@@ -66,6 +71,18 @@ class ControlConfig:
                 f"depth must stay {PAPER_DEPTH} for an {self.model}, which has no graph layers,"
                 f" got {self.depth}"
             )
+
+
+def check_jets(control: ControlConfig, observation: str) -> None:
+    """Raise InputError if a unit that acts by its jet does not observe it."""
+    if not control.by_jet:
+        return
+    wanted = layout("jets")
+    if layout(observation)[: len(wanted)] != wanted:
+        raise InputError(
+            "control.by_jet needs an observation that begins as jets does, such as jets or sea, got"
+            f" {observation}"
+        )
 
 
 def _check_critic(observed: str, model: str) -> None:

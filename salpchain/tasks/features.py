@@ -284,6 +284,12 @@ OBSERVATIONS: dict[str, Observation] = {
     "sea": (*BODY, _PROXIMITY, THRUSTER, REVERSE, THRUST, WATER),
 }
 
+# Where the gains of the own thruster, forwards and backwards, are in what begins as `jets` does
+JETS = tuple(
+    [field for feature in OBSERVATIONS["jets"] for field in feature.fields].index(*feature.fields)
+    for feature in (THRUSTER, REVERSE)
+)
+
 ACTIONS = {
     "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
     "pair": "two numbers for each unit, in [-1, 1]: thrust (N) = (first - second) / 2",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from salpchain.checks import check_kinds, check_length, check_seed, one_of, set_field
 from salpchain.controllers.named import check_name
 from salpchain.errors import InputError
-from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
+from salpchain.networks.config import SINGLE_LENGTH, ControlConfig, check_jets
 from salpchain.tasks.config import TaskConfig
 from salpchain.world.config import WorldConfig
 
@@ -153,6 +153,7 @@ class TrainConfig:
                 f"mix.roughen needs a world that can get rougher, got {self.mix.roughen} in still"
                 " water: give one such as world.name=sea"
             )
+        check_jets(self.control, self.task.observation)
         if self.control.memory and self.ppo.envs % self.ppo.minibatches:
             raise InputError(
                 "ppo.envs must be a multiple of the minibatches where units remember, for each"

@@ -11,7 +11,7 @@ from jaxtyping import Array
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
-from salpchain.networks.actor_critic import ActorCritic
+from salpchain.networks.actor_critic import ActorCritic, ByJet
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.tasks.features import layout
 from salpchain.training.config import TrainConfig
@@ -33,7 +33,8 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
         raise InputError(f"start: {error}") from None
     card, wanted = given.card, layout(task.observation)
     own = config.control
-    had_trunk = replace(card.control, critic=own.critic, memory=own.memory)
+    two = card.control.by_jet or own.by_jet
+    had_trunk = replace(card.control, critic=own.critic, memory=own.memory, by_jet=two)
     for what, wanted_one, other in (
         ("control", own, had_trunk),
         ("action", task.action, card.action),
@@ -59,14 +60,24 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
     Where its units observe more, that counts for nothing at first, so that the run begins with what
     the policy does. The spread of its actions is that of a fresh one: a policy at the end of its
     training hardly explores. So is its critic, unless both have the same kind, and its memory,
-    which counts for nothing at first, unless both have one.
+    which counts for nothing at first, unless both have one. Of two networks by jet both begin with
+    the weights of a policy that has one.
     """
+    given: Any = policy.network
+    if isinstance(fresh, ByJet):
+        ours = fresh.both_ways, fresh.one_way
+        theirs = (given.both_ways, given.one_way) if isinstance(given, ByJet) else (given, given)
+        return ByJet(*map(_with_weights, ours, theirs))
+    return _with_weights(fresh, given)
+
+
+def _with_weights(fresh: Any, given: Any) -> Any:
+    """One network with the weights of another, as `with_weights` says."""
 
     def put(new: Array, old: Array) -> Array:
         more = [(0, there - here) for here, there in zip(old.shape, new.shape, strict=True)]
         return jnp.pad(old.astype(new.dtype), more)
 
-    given: Any = policy.network
     if given.critic_observes != fresh.critic_observes:
         judge = "critic", "score", "critic_trunk", "critic_observes"
         given = replace(given, **{name: getattr(fresh, name) for name in judge})

@@ -35,6 +35,7 @@ VALUES = {
     "control.depth": ("4", 4, (), "99"),
     "control.critic": ("around", "around", (), "everything"),
     "control.memory": ("true", True, (), "much"),
+    "control.by_jet": ("true", True, ("task.observation=jets",), "yes"),
     "ppo.envs": ("512", 512, (), "0"),
     "ppo.rollout": ("64", 64, (), "2.5"),
     "ppo.minibatch": ("1024", 1024, (), "1000"),

@@ -299,7 +299,10 @@ const Policy = (() => {
   }
 
   /** Raises a Refusal unless the page can run such a network. */
-  function checkServed({ model, graph, critic = "" }) {
+  function checkServed({ model, graph, critic = "", memory = false, by_jet: byJet = false }) {
+    if (memory || byJet) {
+      throw new Refusal(`This page runs one network that remembers nothing; this policy ${memory ? "remembers" : "has two, by jet"}. salpchain live runs it.`);
+    }
     if (model !== "gcn" || graph !== "mixed") {
       throw new Refusal(`This page runs graph convolutions (gcn) on the graph mixed; this policy is ${short(model)} on ${short(graph)}. salpchain live runs it.`);
     }
