@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from salpchain.controllers.policy import PolicyCard
+from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS, minus, scalar_feature
 from salpchain.tasks.reach.targets import draw, spawn
@@ -105,3 +105,23 @@ class Constant(eqx.Module):
     def act(self, state: State) -> Float[Array, "unit 1"]:
         """The constant."""
         return jnp.full((state.chain.present.shape[0], 1), self.thrust)
+
+
+class Late(eqx.Module):
+    """A controller that remembers: what another one does, a control step late."""
+
+    controller: Controller
+
+    @property
+    def card(self) -> PolicyCard:
+        """The other's."""
+        return self.controller.card
+
+    def begin(self, state):
+        return jnp.zeros((state.chain.present.shape[0], 1))
+
+    def plan(self, state, memory):
+        return memory, self.controller.act(state)
+
+    def act(self, state):
+        return self.begin(state)

@@ -7,6 +7,9 @@ from importlib import import_module
 from multiprocessing.pool import ThreadPool
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
+import jax.random as jr
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,6 +24,9 @@ from salpchain.experiments import results
 from salpchain.files import write_json
 from salpchain.paper.grid import Grid, claim
 from salpchain.paper.results import run_of
+from salpchain.physics.chain import step
+from salpchain.physics.state import Physics
+from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
 from studies.bars import run as bars
@@ -116,6 +122,21 @@ def test_results_in_the_folder_of_the_report_are_not_begun_again(tmp_path):
     with pytest.raises(InputError, match=r"results itself, .* move all but report\.md to"):
         transfer.study(fresh(), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["about.json"]
+
+
+def test_a_larger_thrust_limit_is_a_larger_thrust():
+    start = jax.jit(SCLD(TaskConfig(length=4, contact=False)).reset)(jr.key(0)).chain
+    thrust = jnp.array([1.0, -0.5, 0.3, 1.0])
+    swims = (1.2 * thrust, Physics()), (thrust, transfer.changed(thrust=1.2))
+    go = jax.jit(lambda chain, thrust, physics: step(chain, thrust, physics, contact=False))
+    ends = []
+    for pushed, physics in swims:
+        chain = start
+        for _ in range(20):
+            chain = go(chain, pushed, physics)
+        ends.append(chain.units.position)
+    np.testing.assert_allclose(*ends, atol=2e-4)
+    assert float(jnp.abs(ends[0] - start.units.position).max()) > 0.02
 
 
 def test_a_policy_swims_in_vmas_as_it_does_here_and_a_stopped_study_goes_on(tmp_path, monkeypatch):

@@ -6,7 +6,6 @@ OUT/report.md. What is there already is kept, so a run that was stopped goes on.
 """
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,32 +19,55 @@ from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
-from salpchain.evaluation.perturbations import Delayed, Noisy, changed
 from salpchain.evaluation.trials import run_trials
 from salpchain.experiments.results import REPORT_FILE, RESULTS, add_part, claim, results_of
 from salpchain.files import write_text
 from salpchain.interop.steer import steering
 from salpchain.interop.vmas import make_env
 from salpchain.physics.state import Physics, at_rest
+from salpchain.ranges import as_range
 from salpchain.tasks.config import TaskConfig, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
+from salpchain.world.config import SensingConfig, WorldConfig
+from salpchain.world.randomise import WorldLike
 from studies import program
 
 LENGTHS = (4, 8, 16, 32)
 TRIALS = 200
 SEED = 3000  # of the starts that judge (chosen)
 LIMIT = "scaled"
-# What changes, by name: a controller made of the policy, and the physics.
-SETTINGS: dict[str, tuple[Callable[[Policy], Any], Physics]] = {
-    "nothing": (lambda policy: policy, Physics()),
+
+
+def changed(
+    mass: float = 1.0, drag: float = 1.0, stiffness: float = 1.0, thrust: float = 1.0
+) -> Physics:
+    """The paper's physics with its constants multiplied: masses, drag, stiffness of the joints.
+
+    A larger thrust limit is the same as smaller masses and weaker springs, so it is made of these.
+    """
+    plain = Physics()
+    return Physics(
+        unit_mass=plain.unit_mass * mass / thrust,
+        link_mass=plain.link_mass * mass / thrust,
+        drag=plain.drag * drag,
+        joint_stiffness=plain.joint_stiffness * stiffness / thrust,
+        angle_stiffness=plain.angle_stiffness * stiffness / thrust,
+        contact_stiffness=plain.contact_stiffness / thrust,
+    )
+
+
+# What is otherwise than in training, by name
+NOISE = SensingConfig(position=as_range(0.005), angle=as_range(float(np.deg2rad(3))))
+SETTINGS: dict[str, WorldLike] = {
+    "nothing": Physics(),
     **{
-        f"{name} {100 * (factor - 1):+.0f} %": (lambda policy: policy, changed(**{name: factor}))
+        f"{name} {100 * (factor - 1):+.0f} %": changed(**{name: factor})
         for name in ("mass", "drag", "stiffness", "thrust")
         for factor in (0.8, 1.2)
     },
-    "noise 5 mm, 3 degrees": (lambda policy: Noisy(policy, 0.005, np.deg2rad(3)), Physics()),
-    "delay 0.1 s": (Delayed, Physics()),
+    "noise 5 mm, 3 degrees": WorldConfig(sensing=NOISE),
+    "delay 0.1 s": WorldConfig(sensing=SensingConfig(action_delay=as_range(1.0))),
 }
 
 
@@ -108,8 +130,7 @@ def _swim_here(
 
 def with_changes(policy: Policy, setting: str, length: int, trials: int) -> pd.DataFrame:
     """The trials of one setting."""
-    handicap, physics = SETTINGS[setting]
-    (frame,) = run_trials([handicap(policy)], length, trials, LIMIT, SEED, world=physics)
+    (frame,) = run_trials([policy], length, trials, LIMIT, SEED, world=SETTINGS[setting])
     return frame.assign(setting=setting)[
         ["setting", "length", "trial", "success", "closed_fraction"]
     ]

@@ -15,9 +15,9 @@ from salpchain import MPC, Approach, Greedy, identity, load, save_policy
 from salpchain.controllers.named import names
 from salpchain.controllers.policy import Policy, PolicyCard
 from salpchain.controllers.storage import KIND, VERSION
-from salpchain.evaluation.perturbations import Delayed, Noisy
 from salpchain.files import read_arrays, write_arrays
 from tests.interop.policies import fresh
+from tests.own import Late
 
 ASK = "import salpchain; print(salpchain.identity(salpchain.load('any-length')), end=' ')\n"
 ASK += "print(salpchain.identity(salpchain.MPC()))"
@@ -63,7 +63,7 @@ def test_controllers_that_are_no_policies_differ_by_all_that_they_hold():
     one = fresh()
     crew = [
         Mine(0.5), Mine(0.6), Mine(0.5, Greedy()), Mine(0.5, Approach()), Mine(jnp.ones(2)),
-        Delayed(one), Delayed(fresh("gatv2")), Noisy(one, 0.1, 0.2), Noisy(one, 0.1, 0.3),
+        Mine(0.5, one), Mine(0.5, fresh("gatv2")), Late(one), Late(fresh("gatv2")),
         MPC(), MPC(samples=8), MPC.guided(one),
     ]  # fmt: skip
     assert len({identity(each) for each in crew}) == len(crew)

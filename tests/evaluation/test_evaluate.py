@@ -15,9 +15,8 @@ from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation import evaluate as module
 from salpchain.evaluation.evaluate import evaluate, evaluate_limits
-from salpchain.evaluation.perturbations import Delayed
 from salpchain.evaluation.statistics import DIFFICULTY, MEASURES, summarise
-from tests.own import Constant
+from tests.own import Constant, Late
 
 LENGTHS, TRIALS = [4, 8], 5
 
@@ -152,7 +151,7 @@ def test_a_planner_does_not_plan_on_while_the_baseline_swims(monkeypatch):
 
 @pytest.mark.slow
 def test_a_controller_that_remembers_and_its_baseline_start_alike():
-    summary = evaluate(Delayed(Constant(0.5)), [3], 4, "fixed", 7)
+    summary = evaluate(Late(Constant(0.5)), [3], 4, "fixed", 7)
     own, other = summary["lengths"][0], summary["baseline"]["lengths"][0]
     assert own["start_distance"]["mean"] == pytest.approx(other["start_distance"]["mean"], rel=1e-5)
 
