@@ -326,8 +326,10 @@ const Policy = (() => {
     if (about?.kind !== "policy" || !about.header?.control || about.version !== 1) {
       throw new Refusal("This is no policy of salpchain: drop the policy.safetensors of a training.");
     }
-    const { control } = about.header;
+    const { control, world } = about.header, kind = /dynamics\.kind (\w+)/.exec(world ?? "")?.[1];
     checkServed(control);
+    if (control.memory) throw new Refusal("The units of this policy remember, which this page does not run: salpchain live runs it.");
+    if (kind) throw new Refusal(`This policy was trained with the dynamics ${short(kind)}, which this page does not have: evaluate it with salpchain.`);
     const at = (name) => layer(found.get(`${name}.weight`), found.get(`${name}.bias`), name);
     const deeper = Math.min(Math.max(Math.trunc(control.depth ?? 2) - 2, 0), DEEPEST);
     const more = Array.from({ length: deeper }, (_, k) => at(`trunk.more[${k}].linear`));
