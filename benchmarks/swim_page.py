@@ -1,7 +1,8 @@
 """What the swim page costs: `python -m benchmarks.swim_page` writes swim-page-NAME.json.
 
-Bytes, seconds to the first stroke, frames per second, milliseconds of a control step: in the
-system's Chromium without a screen, opened from disk.
+Bytes, seconds to the first stroke, frames per second, milliseconds of a control step, and how many
+episodes the page takes to their goal of those that Python plays from the same starts: in the
+system's Chromium without a screen, opened from disk. `--success` measures the last alone.
 """
 
 import argparse
@@ -9,6 +10,8 @@ import gzip
 import json
 import statistics
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
@@ -16,8 +19,10 @@ from playwright.sync_api import Page, sync_playwright
 from salpchain.machine import processor
 from salpchain.web.swim_page import swim_page
 from tests.web.browser import QUIET, chromium
+from tests.web.episodes import episodes, python_plays
 
 RESULTS = Path(__file__).parent / "results"
+EPISODES, PLAYED = 100, (8, 32)  # of each of these lengths
 SECONDS = 10  # of swimming that is watched, for each length
 STROKE = """() => new Promise((done) => {
     const look = () => {
@@ -56,6 +61,27 @@ def swims(page: Page, length: int) -> dict[str, float]:
     }
 
 
+# Some episodes at a time, so that the page goes on between them.
+PLAY = """async ({ file, starts, limit }) => {
+    const policy = Policy.fromFile(Salp.bytes(file)), found = [];
+    live.send("pause", { on: true });
+    for (const one of starts) {
+        found.push(Tank.play(policy, one, limit).success);
+        await new Promise((done) => setTimeout(done, 0));
+    }
+    return found;
+}"""
+
+
+def succeeds(page: Page, length: int) -> dict[str, object]:
+    """How many episodes the page takes to their goal, and Python from the same starts."""
+    data, states = episodes(length, EPISODES)
+    here = page.evaluate(PLAY, data)
+    there = python_plays(length, states).tolist()
+    alike = sum(one == other for one, other in zip(here, there, strict=True))
+    return {"episodes": EPISODES, "page": sum(here), "Python": sum(there), "alike": alike}
+
+
 COIL = """(length) => {
     const points = [[0, 0]];
     let angle = 0;
@@ -74,36 +100,53 @@ def wait(page: Page, condition: str) -> None:
         page.wait_for_timeout(20)
 
 
-def measured() -> dict[str, object]:
-    """All figures."""
+@contextmanager
+def opened() -> Iterator[tuple[Page, str]]:
+    """A page of the browser, and the address of the swim page on disk."""
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         file = Path(folder) / "index.html"
-        text = swim_page()
-        file.write_text(text)
+        file.write_text(swim_page())
         browser = playwright.chromium.launch(executable_path=chromium(), args=QUIET)
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        yield browser.new_page(viewport={"width": 1280, "height": 720}), file.as_uri()
+        browser.close()
+
+
+def costs() -> dict[str, object]:
+    """Bytes, seconds and frames."""
+    text = swim_page().encode()
+    with opened() as (page, address):
         strokes = []
         for _ in range(6):
             page.goto("about:blank")
-            page.goto(file.as_uri())
+            page.goto(address)
             strokes.append(page.evaluate(STROKE) / 1000)
         lengths = {str(length): swims(page, length) for length in (16, 64, 128)}
-        version = browser.version
-        browser.close()
     return {
-        "bytes": len(text.encode()),
-        "bytes, gzip": len(gzip.compress(text.encode())),
+        "bytes": len(text),
+        "bytes, gzip": len(gzip.compress(text)),
         "first stroke, s, median of 5, warm": round(statistics.median(strokes[1:]), 3),
         "first stroke, s, cold": round(strokes[0], 3),
         "by units": lengths,
-        "browser": f"Chromium {version}",
-        "processor": processor(),
     }
+
+
+def success() -> dict[str, object]:
+    """Episodes by units, and where they were played."""
+    with opened() as (page, address):
+        page.goto(address)
+        wait(page, "live.states > 2")
+        found = {str(length): succeeds(page, length) for length in PLAYED}
+        version = page.context.browser.version if page.context.browser else ""
+    return {"success by units": found, "browser": f"Chromium {version}", "processor": processor()}
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--name", default="here")
-    found = measured()
-    (RESULTS / f"swim-page-{parser.parse_args().name}.json").write_text(json.dumps(found, indent=2))
+    parser.add_argument("--success", action="store_true", help="keep the other figures")
+    words = parser.parse_args()
+    file = RESULTS / f"swim-page-{words.name}.json"
+    known = json.loads(file.read_text()) if words.success and file.exists() else costs()
+    found = known | success()
+    file.write_text(json.dumps(found, indent=2))
     print(json.dumps(found, indent=2))

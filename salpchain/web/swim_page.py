@@ -32,8 +32,8 @@ from salpchain.tasks.features import NEIGHBOUR, OBSERVATIONS, SENSED
 from salpchain.trees import to_arrays
 from salpchain.web import drawing, pool, recorder, swimmer, tank, world
 from salpchain.web.troubles import CHOSEN_KIND, LENGTH, TROUBLES
-from salpchain.world import placement
-from salpchain.world.config import CurrentConfig, WorldConfig
+from salpchain.world import current, placement
+from salpchain.world.config import WorldConfig
 from salpchain.world.presets import WORLDS
 
 STATIC, SWIM, PAGE = (
@@ -48,8 +48,7 @@ SCRIPTS = (
     (SWIM, "scenes"), (SWIM, "line"), (STATIC, "live"),
 )  # fmt: skip
 STYLES = ((PAGE, "look"), (STATIC, "live"), (SWIM, "swim"))
-SERVED_WORLDS = ("still", "current", "posts", "room")  # what the page can draw of `WORLDS`
-SERVED_TROUBLES = tuple(name for name in TROUBLES if name != "physics")  # masses stay as they are
+SERVED_WORLDS = ("still", "current", "vortex", "posts", "room", "failing", "noisy", "rough")
 HERE = "<!-- swim.html comes here where the world swims in the browser itself -->\n"
 TITLE = "Swim - salpchain"
 
@@ -105,12 +104,11 @@ def facts() -> dict[str, Any]:
         "greedy": {"pull": greedy.PULL, "damping": greedy.DAMPING},
         "live": _bounds(),
         "recording": {"longest": recorder.LONGEST, "parts": recorder.MOST_PARTS},
-        "relaxation": CurrentConfig().relaxation.low,
+        "lambOseen": current.SHAPE,
         "grades": GRADES,
         "worlds": {name: _settings(WORLDS[name]) for name in SERVED_WORLDS},
         "troubles": {
-            name: [_trouble(name, grade) for grade in range(len(GRADES))]
-            for name in SERVED_TROUBLES
+            name: [_trouble(name, grade) for grade in range(len(GRADES))] for name in TROUBLES
         },
     }
 
@@ -146,12 +144,13 @@ def _bounds() -> dict[str, Any]:
 
 
 def _settings(config: WorldConfig) -> dict[str, Any]:
-    """The settings of a world by path, ranges as [low, high]; those of obstacles always."""
+    """The settings of a world by path, ranges as [low, high]; of obstacles, water: all."""
     found = config.changes(WorldConfig())
-    if any(path.startswith("obstacles.") for path in found):
-        own = {f"obstacles.{one.name}": getattr(config.obstacles, one.name)
-               for one in fields(config.obstacles)}  # fmt: skip
-        found = {**found, **{path: value for path, value in own.items() if value.most > 0}}
+    for name in ("obstacles", "current"):
+        if any(path.startswith(f"{name}.") for path in found):
+            part = getattr(config, name)
+            own = {f"{name}.{one.name}": getattr(part, one.name) for one in fields(part)}
+            found |= {path: value for path, value in own.items() if value.most > 0}
     return {path: _plain(value) for path, value in found.items()}
 
 

@@ -40,6 +40,7 @@ function chainOf({ units, links, rest, linked }) {
   chain.linked.set(linked);
   return chain;
 }
+const flowOf = ([x, y]) => () => [x, y, 0];
 const rowsOf = (b) => Array.from(b.x, (_, i) => Pond.KEYS.map((key) => b[key][i]));
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
 function viewOf({ chain, target, thrust, gain, current, oneSided = false }) {
@@ -47,7 +48,7 @@ function viewOf({ chain, target, thrust, gain, current, oneSided = false }) {
   return {
     ...units, n, thrust,
     tx: Float64Array.from(target, ([x]) => x), ty: Float64Array.from(target, ([, y]) => y),
-    gain: gain ?? Array(n).fill(1), oneSided, current: current ?? [0, 0],
+    gain: gain ?? Array(n).fill(1), oneSided, current: flowOf(current ?? [0, 0]),
   };
 }
 function refusal(act) {

@@ -19,21 +19,24 @@ from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import OBSERVATIONS
 from salpchain.tasks.observations import Around, observe
-from salpchain.tasks.reach.frechet import frechet_distance
 from salpchain.tasks.reach.task import SCLD
-from salpchain.web import drawing, swim_page, swimmer
-from salpchain.world.current import Uniform, carried
+from salpchain.web import swim_page
+from salpchain.world.current import Shear, Uniform, Vortex, carried
 from salpchain.world.obstacles import make_obstacles
 from salpchain.world.thrusters import Thrusters
 from salpchain.world.world import World
 from tests.web.engine import as_json, ask, columns
+from tests.web.episodes import episodes, python_plays
 
 STEPS = 100
+STILL, USUAL = Uniform(), Physics()
 RUN = """(() => {
+  const flowsOf = ({ vortex, shear, current }) => (
+    vortex ? Sea.vortex(...vortex) : shear ? Sea.shear(...shear) : flowOf(current));
   const chain = chainOf(DATA.chain), found = [];
   let touching = 0, blocked = 0;
   DATA.thrust.forEach((row) => {
-    Physics.step(chain, row, { contact: DATA.contact, current: DATA.current,
+    Physics.step(chain, row, { contact: DATA.contact, scale: DATA.scale, current: flowsOf(DATA),
       solids: [...DATA.walls.map(Physics.wall), ...DATA.posts.map(Physics.post)] });
     touching += chain.touching; blocked += chain.blocked;
     found.push(rowsOf(chain.units));
@@ -61,8 +64,13 @@ def swum(chain, thrust, double=True, **around):
         return _swum(eqx.combine(cast, rest), jnp.asarray(thrust, kind), **around)
 
 
-def _swum(chain, thrust, contact=True, walls=(), posts=(), current=(0.0, 0.0)):
-    flow, physics = Uniform(jnp.asarray(current)), Physics()
+@eqx.filter_jit
+def advance(chain, row, flow, physics, contact, obstacles):
+    drifting = carried(chain, flow, physics)
+    return step(drifting, row, physics, contact=contact, obstacles=obstacles)
+
+
+def _swum(chain, thrust, contact=True, walls=(), posts=(), flow=STILL, physics=USUAL):
     obstacles = None
     if walls or posts:
         obstacles = make_obstacles(
@@ -70,22 +78,17 @@ def _swum(chain, thrust, contact=True, walls=(), posts=(), current=(0.0, 0.0)):
             [((x, y), radius) for x, y, radius in posts],
         )
 
-    @jax.jit
-    def advance(chain, row):
-        drifting = carried(chain, flow, physics)
-        return step(drifting, row, physics, contact=contact, obstacles=obstacles)
-
     found, touching = [], 0
     for row in thrust:
-        chain = advance(chain, row)
+        chain = advance(chain, row, flow, physics, contact, obstacles)
         touching += bool(chain.touching)
         found.append(columns(chain.units))
     return np.stack(found), touching
 
 
-def page_swum(chain, thrust, contact=True, walls=(), posts=(), current=(0.0, 0.0)):
+def page_swum(chain, thrust, contact=True, walls=(), posts=(), current=(0.0, 0.0), **more):
     data = {"chain": as_json(chain), "thrust": thrust.tolist(), "contact": contact}
-    data |= {"walls": walls, "posts": posts, "current": list(current)}
+    data |= {"walls": walls, "posts": posts, "current": list(current), **more}
     answer = ask(RUN, data)
     return np.array(answer["found"]), answer["touching"], answer["blocked"]
 
@@ -113,6 +116,29 @@ def test_without_contact_it_swims_as_the_python_engine_does(length):
     away = np.array(away)
     print(f"{length} units after 1, 5, 10, 100: {away[:, [0, 4, 9, 99]]}")
     assert away[:, 0].max() < 1e-11 and away[:, 4].max() < 1e-5 and away[:, 99].max() < 1e-3
+
+
+def displaced(chain, dice):
+    """The chain in double precision, every coordinate of its units off by a rounding, 1e-16 m."""
+    off = dice.choice([-1e-16, 1e-16], size=chain.units.position.shape)
+    cast = jax.tree.map(lambda x: jnp.asarray(np.asarray(x)) if eqx.is_array(x) else x, chain)
+    place = jnp.asarray(np.asarray(chain.units.position, float) + off)
+    return eqx.tree_at(lambda c: c.units.position, cast, place)
+
+
+@pytest.mark.parametrize("length", [2, 8, 32])
+def test_after_ten_steps_it_is_as_near_to_the_engine_as_that_is_to_itself(length):
+    """A start that is off by a rounding leads as far away, or farther: no port can be nearer."""
+    for seed in range(4):
+        chain, thrust = start(length, seed).chain, thrusts(length, seed)[:10]
+        ours, _ = swum(chain, thrust, contact=False)
+        pages, _, _ = page_swum(chain, thrust, contact=False)
+        dice = np.random.default_rng(0)
+        with jax.enable_x64(True):
+            twins = [displaced(chain, dice) for _ in range(4)]
+        own = max(apart(ours, swum(twin, thrust, contact=False)[0])[9] for twin in twins)
+        print(f"{length} units, start {seed}: page {apart(ours, pages)[9]:.1e}, itself {own:.1e} m")
+        assert apart(ours, pages)[9] < max(1e-5, 2 * own)
 
 
 def test_in_single_precision_the_engine_is_as_near_to_the_page_as_to_itself():
@@ -155,12 +181,33 @@ def test_walls_posts_and_a_current_push_it_as_in_python():
     post = middle + 0.15 * heading + 0.3 * along
     around = {"walls": [[*a.tolist(), *b.tolist(), 0.04]], "posts": [[*post.tolist(), 0.05]]}
     thrust = np.ones((STEPS, 8))
-    ours, _ = swum(chain, thrust, current=(0.02, -0.01), **around)
-    pages, _, blocked = page_swum(chain, thrust, current=(0.02, -0.01), **around)
+    ours, _ = swum(chain, thrust, flow=Uniform((0.03125, -0.015625)), **around)
+    pages, _, blocked = page_swum(chain, thrust, current=(0.03125, -0.015625), **around)
     away = apart(ours, pages)
     print(f"among walls: {away[4]:.1e} m after 5, {away[-1]:.1e} m after 100, blocked {blocked}")
     assert blocked > 20
     assert away[4] < 1e-9 and away[-1] < 1e-2
+
+
+@pytest.mark.parametrize("kind", ["vortex", "shear", "scale"])
+def test_water_that_turns_and_other_physics_move_it_as_in_python(kind):
+    chain = start(8, 6).chain
+    centre, thrust = (0.125, 0.25), np.zeros((STEPS, 8))  # exact in single precision
+    flow, physics, more = {
+        "vortex": (Vortex(0.0625, 0.25, centre), USUAL, {"vortex": [0.0625, 0.25, list(centre)]}),
+        "shear": (Shear(0.25, 0.75), USUAL, {"shear": [0.25, 0.75]}),
+        "scale": (STILL, replace(USUAL, unit_mass=1.3, link_mass=1.3, drag=0.3,
+                                 joint_stiffness=720.0, angle_stiffness=0.08),
+                  {"scale": {"mass": 1.3, "drag": 1.2, "stiffness": 0.8}}),
+    }[kind]  # fmt: skip
+    thrust = thrusts(8, 3) if kind == "scale" else thrust
+    ours, _ = swum(chain, thrust, flow=flow, physics=physics)
+    pages, _, _ = page_swum(chain, thrust, **more)
+    usually, _ = swum(chain, thrust)
+    away = apart(ours, pages)
+    print(f"{kind}: {away[[0, 4, -1]]} m, {apart(ours, usually)[-1]:.2f} of the usual")
+    assert away[4] < 1e-6 and away[-1] < 1e-3
+    assert apart(ours, usually)[-1] > 0.01  # it matters
 
 
 # --- observations and policies ------------------------------------------------------------------
@@ -271,6 +318,9 @@ def test_a_file_that_is_no_policy_of_the_page_is_refused_in_a_sentence(tmp_path)
     assert "do not fit" in refusal(about(lambda card: card.update(observation="jets")))
     assert "observes" in refusal(about(lambda card: card.update(observation="__proto__")))
     assert "gt on mixed" in refusal(about(lambda card: card["control"].update(model="gt")))
+    assert "remember" in refusal(about(lambda card: card["control"].update(memory=True)))
+    save_policy(salpchain.load("any-length-landsalp"), tmp_path / "land.safetensors")
+    assert "landsalp" in refusal((tmp_path / "land.safetensors").read_bytes())
     assert "no policy" in refusal(changed(lambda h: h["__metadata__"].update(salpchain="{}")))
     numbers = np.frombuffer(good[8 + size :], np.float16).copy()
     numbers[5] = np.nan
@@ -279,110 +329,16 @@ def test_a_file_that_is_no_policy_of_the_page_is_refused_in_a_sentence(tmp_path)
     assert "gt on mixed" in refusal((tmp_path / "gt.onnx").read_bytes())
 
 
-# --- edits and links ------------------------------------------------------------------------------
-
-
-def test_drawn_lines_become_the_same_targets():
-    line = np.cumsum(np.random.default_rng(0).normal(0, 0.05, (40, 2)), axis=0)
-    ours = drawing.resampled(line, 20)
-    pages = ask("Pond.resampled(DATA, 20)", line.tolist())
-    np.testing.assert_allclose(pages, ours, atol=1e-9)
-    dot = "refusal(() => Pond.resampled([[0, 0], [0.001, 0]], 4))"
-    assert "hardly more than a dot" in ask(dot)
-
-
-def test_the_goal_is_the_frechet_distance():
-    dice = np.random.default_rng(1)
-    one = np.cumsum(dice.normal(0, 0.05, (30, 2)), axis=0)
-    other = one + dice.normal(0, 0.02, one.shape)
-    leash = float(frechet_distance(jnp.asarray(one), jnp.asarray(other)))
-    within = "DATA.limits.map((limit) => Pond.within(DATA.one, DATA.other, limit))"
-    limits = [leash - 1e-5, leash + 1e-5]
-    data = {"one": one.tolist(), "other": other.tolist(), "limits": limits}
-    assert ask(within, data) == [False, True]
-
-
-EDIT = """(() => {
-  const { apart, ...json } = DATA, all = () => true;
-  const straight = Pond.laid(1, json.points, json.points.map(() => json.angle), json.target);
-  const one = { ...straight, chain: chainOf(json.chain) }, parts = Pond.cut(one, 2, 2);
-  const grown = Pond.grown(one, [], all), turned = Pond.turnedRound(one);
-  const whole = Pond.joined(parts[0], parts[1], all);
-  return [one, ...parts, grown, turned, whole].map(({ chain, target }) => ({
-    units: rowsOf(chain.units), links: rowsOf(chain.links), rest: Array.from(chain.rest), target,
-  }));
-})()"""
-
-
-def test_cutting_growing_turning_and_joining_are_those_of_the_live_page():
-    one = swimmer.straight(1, 6, np.zeros(2), 0.4, np.arange(12.0).reshape(6, 2) / 10)
-    dice = np.random.default_rng(2)
-    one = replace(one, units=one.units + dice.normal(0, 1e-3, (6, 6)))
-    parts = swimmer.cut(one, 2, 2)
-    ours = [one, *parts, swimmer.grown(one, np.empty((0, 2))), swimmer.turned_round(one)]
-    ours.append(swimmer.joined(*parts))
-    chain = {"units": one.units.tolist(), "links": one.links.tolist(), "rest": one.rest.tolist()}
-    data = {"chain": chain | {"linked": [1] * 5}, "points": one.units[:, :2].tolist()}
-    pages = ask(EDIT, data | {"angle": 0.4, "target": one.target.tolist()})
-    for mine, its in zip(ours, pages, strict=True):
-        for name in ("units", "links", "target"):
-            np.testing.assert_allclose(its[name], getattr(mine, name), atol=1e-9)
-        np.testing.assert_allclose(np.reshape(its["rest"], mine.rest.shape), mine.rest, atol=1e-9)
-
-
-def test_a_link_carries_its_scene_and_a_damaged_one_gets_a_sentence():
-    links = [
-        "#length=2&seed=7&world=posts&target=0.1,-0.2,0.17,-0.2", "", "#length=129",
-        "#length=2&target=0,0", "#world=moon", "#length=8.5", "#seed=-1", "#target=1e999,0",
-        "#__proto__=1", "#length=%E0%A4%A", "#length=8=9", "#length=<script>",
-        "#troubles=dead,noise&grade=hard",
-    ]  # fmt: skip
-    scenes = ask("DATA.map((hash) => Scenes.parse(hash))", links, scripts=["scenes"])
-    first = {"length": 2, "seed": 7, "world": "posts", "target": [[0.1, -0.2], [0.17, -0.2]]}
-    assert scenes[0] == {"scene": first, "wrong": ""} and scenes[1] == {"scene": {}, "wrong": ""}
-    assert scenes[-1]["scene"] == {"troubles": ["dead", "noise"], "grade": "hard"}
-    for damaged in scenes[2:-1]:
-        assert damaged["scene"] == {} and damaged["wrong"].startswith("The link is damaged: it")
-
-
 # --- how well it does ---------------------------------------------------------------------------
 
 PLAY = "DATA.starts.map((one) => Tank.play(Policy.fromFile(bytesOf(DATA.file)), one, DATA.limit))"
 
 
-def played(length, episodes, seed=0):
-    """Success of the page and of Python on the same starts."""
-    policy = salpchain.load("any-length")
-    env = SCLD(policy.card.task(length))
-    starts = jax.vmap(env.reset)(jr.split(jr.key(seed), episodes))
-    chain = starts.chain.units
-    units = np.concatenate([chain.position, chain.angle[..., None]], axis=-1).astype(float)
-    data = {
-        "file": swim_page.weights(policy), "limit": env.config.step_limit,
-        "starts": [{"units": u, "target": t} for u, t in
-                   zip(units.tolist(), np.asarray(starts.target, float).tolist(), strict=True)],
-    }  # fmt: skip
-    return ask(PLAY, data), python_plays(policy, env, starts)
-
-
-def python_plays(policy, env, states):
-    @jax.jit
-    def play(states):
-        def advance(_, carry):
-            states, done = carry
-            states = jax.vmap(lambda s: env.step(s, policy.act(s)))(states)
-            return states, done | states.goal
-
-        none = jnp.zeros(states.time.shape, bool)
-        return jax.lax.fori_loop(0, env.config.step_limit, advance, (states, none))[1]
-
-    return np.asarray(play(states))
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("length", [8, 32])
 def test_it_succeeds_as_often_as_python_on_the_same_starts(length):
-    pages, ours = played(length, 100)
+    data, states = episodes(length, 100)
+    pages, ours = ask(PLAY, data), python_plays(length, states)
     success = np.mean([episode["success"] for episode in pages])
     print(f"{length} units: page {success:.2f}, Python {ours.mean():.2f} of 100 episodes")
     assert abs(success - ours.mean()) <= 0.03, (success, ours.mean())

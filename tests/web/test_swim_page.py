@@ -139,6 +139,8 @@ def test_a_link_opens_the_same_swim_elsewhere(page, address, browser):
     points = [[0, 0.4], [0.3, 0.6], [0.6, 0.4]]
     page.evaluate("(points) => live.send('draw', {chain: live.chains[0].name, points})", points)
     until(page, "live.chains[0].since < 1 && live.chains[0].target[0][1] < 0.8")
+    page.evaluate("live.send('flow', {x: 0.05, y: -0.02})")
+    until(page, "live.current[0] === 0.05")
     page.click("#scenes")
     page.click("#share")
     until(page, "location.hash.includes('target=')")
@@ -148,6 +150,7 @@ def test_a_link_opens_the_same_swim_elsewhere(page, address, browser):
         with watched(browser, address + link) as other:
             until(other, SWIMS)
             np.testing.assert_allclose(other.evaluate("live.chains[0].target"), target, atol=1e-3)
+            assert other.evaluate("live.current") == [0.05, -0.02]
             swims.append(other.evaluate(STATES, 12))
     both = swims[0].keys() & swims[1].keys()
     assert len(both) > 3
@@ -161,6 +164,7 @@ def test_a_damaged_link_gets_a_sentence_and_the_page_swims(address, browser):
         says(page, "The link is damaged: it should say a length of 2 to 128 units")
         page.evaluate("location.hash = '#world=moon'")
         says(page, "it should say a world")
+        says(page, "The scene stays as it is")
         page.evaluate("location.hash = '#length=5'")
         until(page, "live.chains[0].units.length === 5")
 
@@ -256,6 +260,25 @@ def test_without_workers_it_swims_in_the_page_itself(address, browser):
     page.goto(address)
     until(page, "live.connected && live.states > 5 && live.time > 0.3")
     context.close()
+
+
+@pytest.mark.parametrize("size", [(667, 375), (844, 390), (320, 568), (720, 416)])
+def test_every_control_is_within_a_small_window(address, browser, size):
+    """Telephones upright and across, and the frame in which a page of the site shows it."""
+    width, height = size
+    look = {"viewport": {"width": width, "height": height}, "has_touch": True}
+    with watched(browser, address, **look) as page:
+        until(page, "live.frames > 3 && live.states > 1")
+        page.click("#scenes")
+        page.click("[data-scene=sea]")
+        assert page.is_hidden("#hint")
+        shown = page.locator(
+            "header :is(button, select), footer :is(button, select), #guide button"
+        )
+        for box in (one.bounding_box() for one in shown.all()):
+            assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5
+            assert box["y"] >= 0 and box["y"] + box["height"] <= height + 0.5
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_it_fits_a_phone(address, browser):

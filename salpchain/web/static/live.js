@@ -320,7 +320,8 @@
   function drawCurrent() {
     const [x, y] = live.current, speed = Math.hypot(x, y), look = Salp.theme();
     if (speed < 1e-3) return;
-    const size = 18 + 120 * speed, angle = Math.atan2(-y, x), px = 44, py = water.clientWidth < 700 ? 96 : 44;
+    const size = 18 + 120 * speed, angle = Math.atan2(-y, x);
+    const { offsetTop, offsetHeight } = get("trouble"), px = 44, py = offsetTop + offsetHeight + 40;
     ctx.beginPath();
     ctx.moveTo(px - size / 2 * Math.cos(angle), py - size / 2 * Math.sin(angle));
     const tip = [px + size / 2 * Math.cos(angle), py + size / 2 * Math.sin(angle)];

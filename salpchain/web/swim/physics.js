@@ -19,7 +19,11 @@ const Physics = (() => {
    * `rest` holds two angles for each link (rad): link minus first unit, link minus second unit.
    * @typedef {{cx: number, cy: number, cos: number, sin: number, hx: number, hy: number,
    *            rim: number}} Solid  a box with a rounded rim; a post is rim alone
+   * @typedef {(x: number, y: number) => [number, number, number]} Flow  of the water at a point (m):
+   *            velocity (m/s), and spin (rad/s)
+   * @typedef {{mass: number, drag: number, stiffness: number}} Scale  times the usual
    */
+  const AS_IT_IS = { mass: 1, drag: 1, stiffness: 1 };
 
   /** @returns {Bodies} so many bodies at the origin, at rest */
   function bodies(count) {
@@ -50,10 +54,10 @@ const Physics = (() => {
     * softplus(Math.max(P.contact_gap - gap, 0) / P.softness);
 
   /** Force on a unit for each metre that its joint is open; none while it is closed. */
-  function pull(dx, dy) {
+  function pull(dx, dy, stiffness) {
     const distance = Math.sqrt(dx * dx + dy * dy);
     if (distance < CLOSED) return 0;
-    return P.joint_stiffness * P.softness * softplus(distance / P.softness) / distance;
+    return stiffness * P.joint_stiffness * P.softness * softplus(distance / P.softness) / distance;
   }
 
   const twist = (bend) => P.angle_stiffness * (Math.exp(Math.abs(bend)) - 1) * Math.sign(bend);
@@ -234,14 +238,14 @@ const Physics = (() => {
   }
 
   /** Adds the forces of joints and angles to the loads of units and links. */
-  function joints({ units: u, links: l, rest, linked }, half, on, by) {
+  function joints({ units: u, links: l, rest, linked }, half, stiffness, on, by) {
     for (let k = 0; k < l.x.length; k++) {
       by.fx[k] = by.fy[k] = by.torque[k] = 0;
       if (!linked[k]) continue;
       const hx = half.x[k], hy = half.y[k];
-      const ax = l.x[k] - hx - u.x[k], ay = l.y[k] - hy - u.y[k], first = pull(ax, ay);
-      const bx = l.x[k] + hx - u.x[k + 1], by_ = l.y[k] + hy - u.y[k + 1], second = pull(bx, by_);
-      const t1 = twist(l.a[k] - (u.a[k] + rest[2 * k])), t2 = twist(l.a[k] - (u.a[k + 1] + rest[2 * k + 1]));
+      const ax = l.x[k] - hx - u.x[k], ay = l.y[k] - hy - u.y[k], first = pull(ax, ay, stiffness);
+      const bx = l.x[k] + hx - u.x[k + 1], by_ = l.y[k] + hy - u.y[k + 1], second = pull(bx, by_, stiffness);
+      const t1 = stiffness * twist(l.a[k] - (u.a[k] + rest[2 * k])), t2 = stiffness * twist(l.a[k] - (u.a[k + 1] + rest[2 * k + 1]));
       const f1x = first * ax, f1y = first * ay, f2x = second * bx, f2y = second * by_;
       on.fx[k] += f1x; on.fy[k] += f1y; on.torque[k] += t1;
       on.fx[k + 1] += f2x; on.fy[k + 1] += f2y; on.torque[k + 1] += t2;
@@ -266,11 +270,11 @@ const Physics = (() => {
    * Moves chains one control step (0.1 s) on, in place, under thrusts (N) held for the whole step.
    * @param {Chain} chain
    * @param {ArrayLike<number>} thrust of each unit, along its heading
-   * @param {{contact?: boolean, solids?: Solid[], current?: [number, number]}} around
+   * @param {{contact?: boolean, solids?: Solid[], current?: Flow, scale?: Scale}} around
    */
-  function step(chain, thrust, { contact: touch = true, solids = [], current = [0, 0] } = {}) {
-    const { units, links } = chain, n = units.x.length, gaps = links.x.length;
-    carry(units, current); carry(links, current);
+  function step(chain, thrust, { contact: touch = true, solids = [], current = null, scale = AS_IT_IS } = {}) {
+    const { units, links } = chain, n = units.x.length, gaps = links.x.length, drag = P.drag * scale.drag;
+    if (current) { carry(units, current, drag); carry(links, current, drag); }
     const push = loads(n), on = loads(n), by = loads(gaps);
     const half = { x: new Float64Array(gaps), y: new Float64Array(gaps) };
     for (let i = 0; i < n; i++) {
@@ -285,19 +289,21 @@ const Physics = (() => {
       on.fx.set(push.fx); on.fy.set(push.fy); on.torque.fill(0);
       if (contact(units, pairs, on.fx, on.fy, on.torque)) chain.touching = true;
       if (obstruction(units, solids, against, on.fx, on.fy, on.torque)) chain.blocked = true;
-      joints(chain, half, on, by);
-      const keep = index ? 1 : 1 - P.drag;
-      integrate(links, by.fx, by.fy, by.torque, P.link_mass, LINK_INERTIA, keep);
-      integrate(units, on.fx, on.fy, on.torque, P.unit_mass, UNIT_INERTIA, keep);
+      joints(chain, half, scale.stiffness, on, by);
+      const keep = index ? 1 : 1 - drag;
+      integrate(links, by.fx, by.fy, by.torque, P.link_mass * scale.mass, LINK_INERTIA * scale.mass, keep);
+      integrate(units, on.fx, on.fy, on.torque, P.unit_mass * scale.mass, UNIT_INERTIA * scale.mass, keep);
       turnHalves(half, links.w);
     }
   }
 
-  /** Velocities from which a step's drag becomes that against water at `current` (m/s). */
-  function carry(b, [x, y]) {
-    const share = P.drag / (1 - P.drag);
-    if (!x && !y) return;
-    for (let i = 0; i < b.x.length; i++) { b.vx[i] += share * x; b.vy[i] += share * y; }
+  /** Velocities from which a step's drag becomes that against water that flows. */
+  function carry(b, current, drag) {
+    const share = drag / (1 - drag);
+    for (let i = 0; i < b.x.length; i++) {
+      const [x, y, spin] = current(b.x[i], b.y[i]);
+      b.vx[i] += share * x; b.vy[i] += share * y; b.w[i] += share * spin;
+    }
   }
 
   /** @returns {Solid} a wall between two ends (m), or a post */

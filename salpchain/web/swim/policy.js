@@ -16,7 +16,7 @@ const Policy = (() => {
   /**
    * @typedef {{n: number, x: Float64Array, y: Float64Array, a: Float64Array, vx: Float64Array,
    *   vy: Float64Array, w: Float64Array, tx: Float64Array, ty: Float64Array, thrust: ArrayLike<number>,
-   *   gain: ArrayLike<number>, oneSided: boolean, current: [number, number]}} View
+   *   gain: ArrayLike<number>, oneSided: boolean, current: Flow}} View
    */
   const rows = (n, value) => Float64Array.from({ length: n }, (_, i) => value(i));
   const mean = (row) => row.reduce((sum, value) => sum + value, 0) / row.length;
@@ -38,6 +38,7 @@ const Policy = (() => {
   const velocity = ({ vx, vy }) => [vx, vy];
   const position = ({ x, y }) => [x, y];
   const target = ({ tx, ty }) => [tx, ty];
+  const water = (view) => [0, 1].map((axis) => rows(view.n, (i) => view.current(view.x[i], view.y[i])[axis]));
   const error = (view) => less(target(view), position(view));
   const force = ({ thrust, a, n }) => [rows(n, (i) => -thrust[i] * Math.sin(a[i])), rows(n, (i) => thrust[i] * Math.cos(a[i]))];
   const centres = (view) => less(shared(view, target(view)), shared(view, position(view)));
@@ -108,7 +109,7 @@ const Policy = (() => {
     "own target point minus position x": error,
     "bearing of the previous unit": bearing(-1), "bearing of the next unit": bearing(1),
     "last force of the previous unit x": neighbourForce(-1), "last force of the next unit x": neighbourForce(1),
-    "velocity against the water along": (v) => own(v, times(less(velocity(v), [v.current[0], v.current[1]].map((c) => rows(v.n, () => c))), 5)),
+    "velocity against the water along": (v) => own(v, times(less(velocity(v), water(v)), 5)),
     "gain of the own thruster": (v) => [rows(v.n, (i) => v.gain[i])],
     "gain of the own thruster backwards": (v) => [rows(v.n, (i) => (v.oneSided ? 0 : v.gain[i]))],
     "own thrust in the last step, as it acted": (v) => [rows(v.n, (i) => v.thrust[i])],
@@ -328,8 +329,10 @@ const Policy = (() => {
     if (about?.kind !== "policy" || !about.header?.control || about.version !== 1) {
       throw new Refusal("This is no policy of salpchain: drop the policy.safetensors of a training.");
     }
-    const { control } = about.header;
+    const { control, world } = about.header, kind = /dynamics\.kind (\w+)/.exec(world ?? "")?.[1];
     checkServed(control);
+    if (control.memory) throw new Refusal("The units of this policy remember, which this page does not run: salpchain live runs it.");
+    if (kind) throw new Refusal(`This policy was trained with the dynamics ${short(kind)}, which this page does not have: evaluate it with salpchain.`);
     const at = (name) => layer(found.get(`${name}.weight`), found.get(`${name}.bias`), name);
     const deeper = Math.min(Math.max(Math.trunc(control.depth ?? 2) - 2, 0), DEEPEST);
     const more = Array.from({ length: deeper }, (_, k) => at(`trunk.more[${k}].linear`));

@@ -23,7 +23,7 @@ const Scenes = (() => {
     seed: ["a seed, a whole number", (text) => number(text, 0, 2 ** 32 - 1, true)],
     world: [`a world: ${Object.keys(worlds).join(", ")}`, (text) => oneOf(text, Object.keys(worlds))],
     target: ["a target with a point for each unit", (text) => points(text)],
-    current: ["a current of two numbers", (text) => pairs(text, FACTS.live.current)[0]],
+    current: [`a current: two numbers of at most ${FACTS.live.current} m/s`, (text) => pairs(text, FACTS.live.current)[0]],
     troubles: ["troubles that there are", (text) => text.split(",").map((one) => oneOf(one, Object.keys(troubles)))],
     grade: ["a grade", (text) => oneOf(text, grades)],
   };
@@ -51,7 +51,7 @@ const Scenes = (() => {
       if (scene.target && scene.target.length !== (scene.length ?? FIRST)) throw new RangeError();
     } catch {
       const meant = Object.hasOwn(PARTS, name) ? `it should say ${PARTS[name][0]}` : "it says what this page does not know";
-      return { scene: {}, wrong: `The link is damaged: ${meant}. This is a scene of the page's own.` };
+      return { scene: {}, wrong: `The link is damaged: ${meant}.` };
     }
     return { scene, wrong: "" };
   }
@@ -59,7 +59,7 @@ const Scenes = (() => {
   /** What the page begins with. */
   function first() {
     const { scene, wrong } = parse(location.hash);
-    refused = wrong;
+    refused = wrong && `${wrong} This is a scene of the page's own.`;
     return scene;
   }
 
@@ -67,6 +67,7 @@ const Scenes = (() => {
     const chain = live.chosen(), one = live.chains.length === 1 ? chain : null;
     const parts = { length: live.chains.reduce((sum, { units }) => sum + units.length, 0), ...live.scene };
     if (one) parts.target = live.targetOf(one).map(([x, y]) => `${x.toFixed(3)},${y.toFixed(3)}`).join(",");
+    if (live.current.some(Boolean)) parts.current = live.current.map((v) => v.toFixed(3)).join(",");
     if (live.troubles.length) Object.assign(parts, { troubles: live.troubles.join(","), grade: live.grade });
     return `#${Object.entries(parts).map(([key, value]) => `${key}=${value}`).join("&")}`;
   }
@@ -101,7 +102,7 @@ const Scenes = (() => {
     split: { title: "Split, pass, merge", scene: { length: 12, seed: 6, world: "posts" }, says: [
       ["A chain of 12 among posts: as one it is long, and has to bend round them."],
       ["Cut in two, each half has its own target and finds its own way: the same weights steer both.", (live) => live.send("cut", { chain: whole(live).name, link: 5 })],
-      ["Bring the ends together with Join, and one chain swims again. Cut where you like; each part may be as short as 2.", merge],
+      ["With Join, and their ends near each other, they are one chain again. Cut where you like; each part may be as short as 2.", merge],
     ] },
   };
 
@@ -184,6 +185,7 @@ const Scenes = (() => {
       button.addEventListener("click", () => tell(live, name, 0));
       return button;
     }));
+    get("help").querySelector("dl").append(...get("more-help").content.children);
     click("scenes", () => {
       unfold(get("scene").hidden);
       if (!get("scene").hidden && !get("troubles").hidden) Tools.showTroubles(); // one panel at a time
@@ -195,7 +197,7 @@ const Scenes = (() => {
     droppable(live);
     addEventListener("hashchange", () => {
       const { scene, wrong } = parse(location.hash);
-      if (wrong) live.toast(wrong);
+      if (wrong) live.toast(`${wrong} The scene stays as it is.`);
       else if (location.hash !== link(live)) live.send("scene", scene);
     });
   }

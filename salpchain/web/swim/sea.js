@@ -3,25 +3,77 @@
 "use strict";
 const Sea = (() => {
   const { worlds: WORLDS, troubles: TROUBLES, grades: GRADES, link: LINK, live: BOUNDS } = FACTS;
+  const GRID = 0.5, CELLS = 24, SLOWEST = 1e-4; // m, points each way, m/s, of the water that is drawn
   const NEVER = Infinity, DT = FACTS.physics.control_step;
   const { apart, middle } = Pond;
 
   /** What the settings of all these troubles at a grade come to: [low, high] or a flag by path. */
   const settings = (names, grade) => Object.assign({}, ...names.map((name) => TROUBLES[name][GRADES.indexOf(grade)]));
   const drawn = (roll, range) => (range ? roll.between(...range) : 0);
-  const whole = (roll, range, otherwise) => (range ? Math.round(roll.between(...range)) : otherwise);
+  const whole = (roll, range, otherwise) => (range ? Math.floor(roll.between(range[0], range[1] + 1)) : otherwise);
+  const eitherSide = (roll, range) => (roll() < 0.5 ? -1 : 1) * roll.between(...range);
+  const aim = (angle, size = 1) => [size * Math.cos(angle), size * Math.sin(angle)];
 
-  /** Water that flows one way, and another part that changes in time (Ornstein-Uhlenbeck). */
+  // --- the water ----------------------------------------------------------------------------------
+
+  /** How strong each of the dynamics is, of the usual. */
+  const scale = (roll, config) => Object.fromEntries(["mass", "drag", "stiffness"].map((name) => {
+    const range = config[`dynamics.${name}`];
+    return [name, range ? roll.between(...range) : 1];
+  }));
+
+  /** Whether the water of such settings moves. */
+  const flows = (config) => ["speed", "shear", "vortex", "wander"].some((name) => config[`current.${name}`]);
+
+  /** A current along an angle (rad) whose speed grows across it at a rate (1/s). */
+  function shear(rate, angle) {
+    const [x1, y1] = aim(angle);
+    return (x, y) => {
+      const speed = rate * (y * x1 - x * y1);
+      return [speed * x1, speed * y1, -rate / 2];
+    };
+  }
+
+  /** A Lamb-Oseen vortex, fastest (m/s) on a ring of this radius (m) round its centre. */
+  function vortex(speed, radius, [cx, cy]) {
+    const { lambOseen: SHAPE } = FACTS, size = (1 + 1 / (2 * SHAPE)) * speed / radius;
+    return (x, y) => {
+      const [dx, dy] = [x - cx, y - cy], square = (dx * dx + dy * dy) / radius ** 2, decay = Math.exp(-SHAPE * square);
+      const turns = square < 1e-6 ? SHAPE : (1 - decay) / square;
+      return [-size * turns * dy, size * turns * dx, size * SHAPE * decay];
+    };
+  }
+
+  /** Water that flows one way, by place, and by a part that changes in time (Ornstein-Uhlenbeck). */
   class Water {
-    constructor(roll, config) {
-      const way = 2 * Math.PI * roll(), speed = drawn(roll, config["current.speed"]);
-      this.mean = [speed * Math.cos(way), speed * Math.sin(way)];
-      this.deviation = drawn(roll, config["current.wander"]);
-      this.keep = Math.exp(-DT / FACTS.relaxation);
+    constructor(roll, config, extent) {
+      const has = (name) => drawn(roll, config[`current.${name}`]), parts = [];
+      this.mean = aim(2 * Math.PI * roll(), has("speed"));
+      this.deviation = has("wander");
       this.now = [roll.normal() * this.deviation, roll.normal() * this.deviation];
-      this.roll = roll;
+      this.keep = Math.exp(-DT / has("relaxation"));
+      if (config["current.shear"]) parts.push(shear(has("shear"), 2 * Math.PI * roll()));
+      if (config["current.vortex"]) {
+        const turn = roll() < 0.5 ? -1 : 1, centre = aim(2 * Math.PI * roll(), extent * roll.between(0.5, 1.5));
+        parts.push(vortex(turn * has("vortex"), has("vortex_radius"), centre));
+      }
+      Object.assign(this, { roll, parts });
     }
-    get velocity() { return [0, 1].map((k) => this.mean[k] + this.now[k]); }
+    /** Velocity (m/s) and spin (rad/s) at a point (m). */
+    at(x, y) {
+      const sum = [this.mean[0] + this.now[0], this.mean[1] + this.now[1], 0];
+      for (const part of this.parts) part(x, y).forEach((value, k) => { sum[k] += value; });
+      return sum;
+    }
+    /** What a page draws of it around these points: velocities on a grid, or one; none if it is slow. */
+    seen(points) {
+      const [low, high] = this.parts.length ? [Math.min, Math.max].map((most, k) => [0, 1].map((axis) => (
+        GRID * (Math.round(most(...points.map((point) => point[axis])) / GRID) + (k ? 2 : -2))))) : [[0, 0], [1, 1]];
+      const count = this.parts.length ? CELLS : 1, along = (axis, i) => low[axis] + (high[axis] - low[axis]) * i / Math.max(count - 1, 1);
+      const rows = Array.from({ length: count * count }, (_, i) => this.at(along(0, i % count), along(1, Math.floor(i / count))).slice(0, 2));
+      const speed = Math.max(...rows.flat().map(Math.abs)), flow = Int8Array.from(rows.flat(), (v) => Math.round(v / speed * 127));
+      return speed > SLOWEST ? { shape: [1, count, count], area: [low, high], speed, flow: Recorder.base64(flow) } : null;
+    }
     advance() {
       const share = this.deviation * Math.sqrt(1 - this.keep ** 2);
       this.now = this.now.map((value) => value * this.keep + share * this.roll.normal());
@@ -118,22 +170,50 @@ const Sea = (() => {
   const suits = (target, units, around) => target.every((point) => gap(point, around) > LINK)
     && isOpen(middle(units), middle(target), around);
 
+  // Pieces of wall and posts are alike: a middle line between two ends (of a post one point), and a rim.
+
+  /** How far a point is from the line between two others (m). */
+  function toLine([x, y], [[ax, ay], [bx, by]]) {
+    const [wx, wy] = [bx - ax, by - ay], part = ((x - ax) * wx + (y - ay) * wy) / Math.max(wx * wx + wy * wy, 1e-12);
+    const along = Math.min(Math.max(part, 0), 1);
+    return Math.hypot(x - ax - along * wx, y - ay - along * wy);
+  }
+
+  /** How far two lines between ends are from each other (m). */
+  function linesApart(one, other) {
+    const side = ([[ax, ay], [bx, by]], [x, y]) => Math.sign((bx - ax) * (y - ay) - (by - ay) * (x - ax));
+    const cross = (a, b) => side(a, b[0]) * side(a, b[1]) < 0;
+    if (cross(one, other) && cross(other, one)) return 0;
+    return Math.min(...one.map((end) => toLine(end, other)), ...other.map((end) => toLine(end, one)));
+  }
+
   /** Walls and posts around a start and a target (m), clear of both, as a world's settings say. */
   function obstacles(roll, config, units, target) {
     const around = { walls: [], posts: [] }, points = [...units, ...target], [start, goal] = [middle(units), middle(target)];
     const extent = units.length * LINK, way = Math.atan2(goal[1] - start[1], goal[0] - start[0]);
     const [along, across] = [[Math.cos(way), Math.sin(way)], [-Math.sin(way), Math.cos(way)]];
     if (config["obstacles.room"]) around.walls = room(roll.between(...config["obstacles.room"]) * extent, points, along, across);
-    const place = () => {
-      const far = roll.between(...config["obstacles.along"]) * apart(start, goal), side = roll() < 0.5 ? -1 : 1;
-      const aside = side * roll.between(...config["obstacles.aside"]) * extent;
-      return [0, 1].map((k) => start[k] + far * along[k] + aside * across[k]);
+    const sides = around.walls.map(([ax, ay, bx, by]) => [[ax, ay], [bx, by]]), pieces = [];
+    const placed = (size, rim) => Array.from({ length: BOUNDS.tries }, () => {
+      const far = roll.between(...config["obstacles.along"]) * apart(start, goal), aside = eitherSide(roll, config["obstacles.aside"]) * extent;
+      const turn = way + (size ? eitherSide(roll, config["obstacles.wall_angle"]) : 0);
+      const [x, y] = [0, 1].map((k) => start[k] + far * along[k] + aside * across[k]), [u, v] = aim(turn, size / 2);
+      return { line: [[x - u, y - v], [x + u, y + v]], middle: [x, y], rim };
+    }).find(({ line, middle: at }) => points.every((point) => toLine(point, line) > rim + LINK)
+      && sides.every((wall) => linesApart(line, wall) > rim + BOUNDS.wall / Math.SQRT2 + 2 * LINK && linesApart([start, at], wall) > 0)
+      && pieces.every((piece) => linesApart(line, piece.line) > rim + piece.rim + 2 * LINK));
+    const add = (size, rim) => {
+      const found = placed(size, rim);
+      if (found) pieces.push(found);
+      return found;
     };
+    for (let left = whole(roll, config["obstacles.walls"], 0); left > 0; left--) {
+      const found = add(extent * roll.between(...config["obstacles.wall_length"]), BOUNDS.wall / Math.SQRT2);
+      if (found) around.walls.push([...found.line.flat(), BOUNDS.wall]);
+    }
     for (let left = whole(roll, config["obstacles.posts"], 0); left > 0; left--) {
-      const radius = roll.between(...config["obstacles.post_radius"]);
-      const at = Array.from({ length: BOUNDS.tries }, place).find((point) => points.every((one) => apart(one, point) > radius + LINK)
-        && gap(point, around) > radius + 2 * LINK && (!around.walls.length || isOpen(start, point, { ...around, posts: [] })));
-      if (at) around.posts.push([...at, radius]);
+      const found = add(0, roll.between(...config["obstacles.post_radius"]));
+      if (found) around.posts.push([...found.middle, found.rim]);
     }
     return around;
   }
@@ -153,5 +233,5 @@ const Sea = (() => {
 
   const solids = ({ walls, posts }) => [...walls.map(Physics.wall), ...posts.map(Physics.post)];
 
-  return { NEVER, Senses, WORLDS, Water, equipped, gap, lets, obstacles, settings, solids, suits };
+  return { NEVER, Senses, WORLDS, Water, equipped, flows, gap, lets, obstacles, scale, settings, shear, solids, suits, vortex };
 })();

@@ -41,6 +41,10 @@ const Tank = (() => {
   class World {
     constructor(policy) {
       this.controllers = new Map([[policy.name, learned(policy)], [greedy.name, greedy]]);
+      this.flow = (x, y) => { // a person's current, and the world's own
+        const [u, v, spin] = this.water?.at(x, y) ?? [0, 0, 0];
+        return [this.current[0] + u, this.current[1] + v, spin];
+      };
       Object.assign(this, {
         policy: policy.name, current: [0, 0], chains: [], time: 0, epoch: 0, names: 0, kicks: [], seed: 0, world: "still",
         around: STILL, told: STILL, solids: [], water: null, troubles: [], grade: GRADES[1], target: null,
@@ -48,7 +52,6 @@ const Tank = (() => {
     }
 
     get size() { return this.chains.reduce((sum, one) => sum + lengthOf(one), 0); }
-    get flow() { const own = this.water?.velocity ?? [0, 0]; return [0, 1].map((k) => this.current[k] + own[k]); }
 
     /** One straight chain and a target: a random one unless it is given, as a link does. */
     reset(length = this.size || BOUNDS.first, { seed = this.seed + 1, world = this.world, target = null } = {}) {
@@ -60,29 +63,31 @@ const Tank = (() => {
       this.around = Sea.obstacles(roll, Sea.WORLDS[world], units, aim);
       this.solids = Sea.solids(this.around);
       this.chains = [Pond.aimed(one, aim)];
-      this.jets = "[]"; // its thrusters are whole so far
+      Object.assign(this, { settled: {}, water: null, scale: undefined });
       this.pour(this.troubles, this.grade);
     }
 
     /** Puts the chains in these troubles, and in no others, as they swim. */
     pour(names, grade) {
       const config = { ...Sea.WORLDS[this.world], ...Sea.settings(names, grade) };
-      const roll = this.roll, jets = JSON.stringify(Object.entries(config).filter(([path]) => path.startsWith("thrusters.")));
-      const others = jets !== (this.jets ?? "[]");
+      const { roll } = this, others = (part) => { // what stays as it was is not drawn again
+        const before = this.settled[part] ?? "[]";
+        this.settled[part] = JSON.stringify(Object.entries(config).filter(([path]) => path.startsWith(part)));
+        return this.settled[part] !== before;
+      };
       Object.assign(this, { troubles: names, grade, senses: new Sea.Senses(roll, config) });
-      this.water = config["current.speed"] || config["current.wander"] ? new Sea.Water(roll, config) : null;
+      if (others("current")) this.water = Sea.flows(config) ? new Sea.Water(roll, config, this.size * LINK) : null;
+      if (others("dynamics")) this.scale = Sea.scale(roll, config);
       this.oneSided = Boolean(config["thrusters.one_sided"]);
       this.lag = config["thrusters.lag"]?.[1] ?? 0;
       this.survey();
-      this.jets = jets;
-      if (others) this.chains = this.chains.map((one) => Sea.equipped(roll, one, config, this.time));
+      if (others("thrusters")) this.chains = this.chains.map((one) => Sea.equipped(roll, one, config, this.time));
     }
 
-    /** Looks at what is around, as pages are told it; of water that changes, once a second. */
+    /** Looks at what is around, as pages are told it; of water that moves, once a second. */
     survey() {
-      const water = this.water?.velocity ?? [0, 0], speed = Math.max(...water.map(Math.abs));
-      const flow = Int8Array.from(water, (v) => Math.round(v / speed * 127));
-      this.told = speed > 1e-4 ? { ...this.around, water: { shape: [1, 1, 1], area: [[0, 0], [1, 1]], speed, flow: Recorder.base64(flow) } } : this.around;
+      const water = this.water?.seen(this.chains.flatMap((one) => [...placesOf(one), ...one.target])), told = water ? { ...this.around, water } : this.around;
+      if (JSON.stringify(told) !== JSON.stringify(this.told)) this.told = told; // else the same to a recording
     }
 
     retarget(name) {
@@ -165,7 +170,8 @@ const Tank = (() => {
       const controller = this.controllers.get(this.policy), all = this.packed();
       const thrust = this.chains.flatMap((one) => Array.from(this.thrustOf(controller, one)));
       this.kick(all);
-      Physics.step(all, thrust, { solids: this.solids, current: this.flow });
+      const current = this.water || this.current.some(Boolean) ? this.flow : null;
+      Physics.step(all, thrust, { solids: this.solids, current, scale: this.scale });
       this.time += 1;
       this.kicks = [];
       this.water?.advance();
@@ -361,7 +367,7 @@ const Tank = (() => {
 
   /** How a policy does from recorded starts: (success, control steps) of each; see the tests. */
   function play(policy, { units, target }, limit) {
-    const controller = learned(policy), world = { oneSided: false, flow: [0, 0] };
+    const controller = learned(policy), world = { oneSided: false, flow: () => [0, 0, 0] };
     let one = Pond.laid(1, units.map(([x, y]) => [x, y]), units.map(([, , a]) => a), target);
     for (let time = 1; time <= limit; time++) {
       const thrust = controller.asked(viewOf(one, one.chain.units, world), one, []);
