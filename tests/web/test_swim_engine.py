@@ -12,12 +12,16 @@ import numpy as np
 import pytest
 
 import salpchain
+from salpchain.controllers.by_jet import by_jet
+from salpchain.controllers.policy import PolicyCard, as_policy
 from salpchain.controllers.storage import save_policy
 from salpchain.interop.export import export
+from salpchain.networks.actor_critic import actor_critic
+from salpchain.networks.config import ControlConfig
 from salpchain.physics.chain import step
 from salpchain.physics.state import Physics, at_rest
 from salpchain.tasks.config import TaskConfig
-from salpchain.tasks.features import OBSERVATIONS
+from salpchain.tasks.features import OBSERVATIONS, observation_size
 from salpchain.tasks.observations import Around, observe
 from salpchain.tasks.reach.task import SCLD
 from salpchain.web import swim_page
@@ -283,6 +287,32 @@ def test_the_same_policy_acts_the_same(name, length, tmp_path):
     for file in (*files, halves):
         np.testing.assert_allclose(page_actions(file, chain, target, thrust), ours, atol=1e-4)
     assert np.abs(ours).max() > 0.01
+
+
+@pytest.mark.parametrize("one_way", [True, False])
+def test_a_policy_of_two_networks_acts_by_the_jets_as_here(one_way, tmp_path):
+    size = observation_size("jets")
+    apart = [
+        as_policy(
+            actor_critic(jr.key(seed), ControlConfig(), size, 1, 8), PolicyCard(observation="jets")
+        )
+        for seed in (1, 2)
+    ]
+    both = by_jet(*apart, "both")
+    save_policy(both, tmp_path / "policy.safetensors")
+    chain, target, thrust, _ = state(5, 8)
+    gain = np.array([1, 1, 0, 1, 1], np.float32)
+    world = World(thrusters=Thrusters(jnp.asarray(gain), one_sided=one_way))
+    force = jnp.asarray(thrust)[:, None] * chain.units.heading
+    obs = observe("jets", chain, target, force, Around(world, 0))
+    here = [
+        np.asarray(policy.network.act(obs, chain.present, chain.joined)).reshape(-1)
+        for policy in (both, *apart)
+    ]
+    about = told(chain, target, thrust, gain, (0, 0)) | {"oneSided": one_way}
+    file = base64.b64encode((tmp_path / "policy.safetensors").read_bytes()).decode()
+    np.testing.assert_allclose(ask(ACT, {"file": file, "state": about}), here[0], atol=1e-5)
+    assert np.abs(here[1] - here[2]).max() > 1e-4
 
 
 def refusal(content):

@@ -151,7 +151,7 @@ def test_a_link_opens_the_same_swim_elsewhere(page, address, browser):
             until(other, SWIMS)
             np.testing.assert_allclose(other.evaluate("live.chains[0].target"), target, atol=1e-3)
             assert other.evaluate("live.current") == [0.05, -0.02]
-            swims.append(other.evaluate(STATES, 12))
+            swims.append(other.evaluate(STATES, 60))
     both = swims[0].keys() & swims[1].keys()
     assert len(both) > 3
     for time in both:

@@ -124,7 +124,15 @@ const Policy = (() => {
     if (!features || features.includes(undefined) || !(steps >= 1 && steps <= 64)) {
       throw new Refusal(`This page cannot show a chain what the policy observes (${short(observation)}).`);
     }
-    return { features, steps, size: layout.reduce((sum, [, , numbers]) => sum + numbers, 0) };
+    return { features, steps, size: layout.reduce((sum, [, , numbers]) => sum + numbers, 0), jets: jetsIn(layout) };
+  }
+
+  /** Where the gains of the own thruster, forwards and backwards, are in it; null if it has none. */
+  function jetsIn(layout) {
+    const starts = {};
+    layout.reduce((at, [name, , numbers]) => { starts[name] = at; return at + numbers; }, 0);
+    const places = [starts["gain of the own thruster"], starts["gain of the own thruster backwards"]];
+    return places.includes(undefined) ? null : places;
   }
 
   /** @returns {Float64Array} (unit, feature), of `before` the steps that it still shows */
@@ -224,6 +232,16 @@ const Policy = (() => {
 
   /** @returns {Float64Array} mean actions (unit, act) of what the units of one chain observe */
   function actions(policy, seen, n) {
+    const action = forward(policy, seen, n);
+    if (!policy.oneWay) return action;
+    const wide = policy.trunk[0].inputs, acts = action.length / n, [ahead, back] = policy.observation.jets;
+    const units = Array.from(rows(n, (i) => seen[i * wide + ahead] > 0 && seen[i * wide + back] <= 0));
+    if (!units.includes(1)) return action;
+    const other = forward(policy.oneWay, seen, n);
+    return action.map((value, k) => (units[Math.floor(k / acts)] ? other[k] : value));
+  }
+
+  function forward(policy, seen, n) {
     let x = seen;
     policy.trunk.forEach((layer, k) => {
       if (k) normalise(x, n, layer.inputs);
@@ -300,10 +318,7 @@ const Policy = (() => {
   }
 
   /** Raises a Refusal unless the page can run such a network. */
-  function checkServed({ model, graph, critic = "", memory = false, by_jet: byJet = false }) {
-    if (memory || byJet) {
-      throw new Refusal(`This page runs one network that remembers nothing; this policy ${memory ? "remembers" : "has two, by jet"}. salpchain live runs it.`);
-    }
+  function checkServed({ model, graph, critic = "" }) {
     if (model !== "gcn" || graph !== "mixed") {
       throw new Refusal(`This page runs graph convolutions (gcn) on the graph mixed; this policy is ${short(model)} on ${short(graph)}. salpchain live runs it.`);
     }
@@ -333,12 +348,20 @@ const Policy = (() => {
     checkServed(control);
     if (control.memory) throw new Refusal("The units of this policy remember, which this page does not run: salpchain live runs it.");
     if (kind) throw new Refusal(`This policy was trained with the dynamics ${short(kind)}, which this page does not have: evaluate it with salpchain.`);
-    const at = (name) => layer(found.get(`${name}.weight`), found.get(`${name}.bias`), name);
-    const deeper = Math.min(Math.max(Math.trunc(control.depth ?? 2) - 2, 0), DEEPEST);
+    if (control.by_jet !== true) return network(found, about.header, "");
+    const policy = network(found, about.header, "both_ways.");
+    if (!policy.observation.jets) throw new Refusal("The units of this policy act by their jets, but do not observe them.");
+    return { ...policy, oneWay: network(found, about.header, "one_way.") };
+  }
+
+  /** The network whose tensors have this prefix. */
+  function network(found, header, prefix) {
+    const at = (name) => layer(found.get(`${prefix}${name}.weight`), found.get(`${prefix}${name}.bias`), name);
+    const deeper = Math.min(Math.max(Math.trunc(header.control.depth ?? 2) - 2, 0), DEEPEST);
     const more = Array.from({ length: deeper }, (_, k) => at(`trunk.more[${k}].linear`));
     const trunk = [at("trunk.first.linear"), at("trunk.second.linear"), ...more];
     const actor = [0, 1, 2].map((k) => at(`actor.layers[${k}]`));
-    return assembled({ ...about.header, improved: control.improved }, trunk, actor);
+    return assembled({ ...header, improved: header.control.improved }, trunk, actor);
   }
 
   /** The policy of any file: told apart by its first bytes. */
