@@ -19,6 +19,7 @@ from salpchain.cli.options import (
     positive,
     text_option,
 )
+from salpchain.cli.recordings import say_if_trained_elsewhere
 from salpchain.cli.settings import Sets, changed
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_there, is_name, load
@@ -112,9 +113,7 @@ def run(options: Evaluate) -> None:
             tested, lengths, trials, options.time_limit, seed, out,
             progress=watch, overwrite=options.overwrite, world=world, task=task,
         )  # fmt: skip
-    learned_in = tested.card.world
-    if learned_in not in ("still", options.world):
-        say(f"trained in {learned_in}, tested in {options.world}: --world says where it swims")
+    say_if_trained_elsewhere(tested, world)
     _print(summary, out, options.json)
 
 

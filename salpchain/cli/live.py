@@ -12,6 +12,7 @@ from salpchain.cli.options import Folder, Whole, World, number, text_option
 from salpchain.cli.settings import Sets, changed_world
 from salpchain.cli.streams import say
 from salpchain.controllers.named import check_live, check_there, is_name, is_own
+from salpchain.controllers.released import PAPER_DYNAMICS, dynamics_of, released
 from salpchain.errors import InputError
 from salpchain.files import read_arrays
 from salpchain.installation import install_command
@@ -98,6 +99,11 @@ def _origins(text: str) -> frozenset[str]:
 def _check_policy(policy: str) -> None:
     """Raise InputError unless such a policy can steer; before a port is taken or JAX imported."""
     check_live(policy)
+    if policy in released() and dynamics_of(policy) != PAPER_DYNAMICS:
+        raise InputError(
+            f"{policy} is for chains of {dynamics_of(policy)}, the live page shows the paper's:"
+            " name another policy, or watch it with salpchain replay"
+        )
     if not policy or is_name(policy) or is_own(policy):
         return
     check_there(policy)

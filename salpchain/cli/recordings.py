@@ -14,7 +14,8 @@ from salpchain.evaluation.config import parse_lengths
 from salpchain.report.labels import labels
 from salpchain.tasks.config import TIME_LIMITS
 from salpchain.tasks.registry import as_config as task_config
-from salpchain.world.presets import world_config
+from salpchain.world.config import DynamicsConfig, WorldConfig
+from salpchain.world.presets import label
 
 if TYPE_CHECKING:
     from salpchain.controllers.policy import Controller
@@ -30,7 +31,7 @@ def trajectories(
     seed: str,
     trial: str,
     time_limit: str,
-    world: str,
+    world: WorldConfig,
     task: str,
 ) -> list["Trajectory"]:
     """For each source its swims: a recorded one (`.npz`), or one trial of each length.
@@ -46,7 +47,6 @@ def trajectories(
     if which < 0:
         raise InputError(f"--trial must be 0 or more, got {which}")
     one_of("time limit", time_limit, TIME_LIMITS)
-    water = world_config(world)
     kind = task_config(task) if task else None
     files, controllers = _read(sources, wanted)
     swims: list[tuple[str, Trajectory]] = []
@@ -59,7 +59,8 @@ def trajectories(
 
         with share_display("recording") as watch:
             asked = controllers[source], wanted, time_limit, start, which
-            made = record(*asked, progress=watch, world=water, task=kind)
+            made = record(*asked, progress=watch, world=world, task=kind)
+        say_if_trained_elsewhere(controllers[source], world)
         swims += [(source, swim) for swim in made]
     return _told_apart(swims)
 
@@ -89,6 +90,18 @@ def _told_apart(swims: Sequence[tuple[str, "Trajectory"]]) -> list["Trajectory"]
     told = labels([name for _, name in named], [Path(source) for source, _ in named])
     called = dict(zip(named, told, strict=True))
     return [replace(swim, policy=called[source, swim.policy]) for source, swim in swims]
+
+
+def say_if_trained_elsewhere(controller: "Controller", world: WorldConfig) -> None:
+    """Prints a line where a policy was trained in another world than the paper's and this, or for
+    the paper's chains and this has others."""
+    card, here = controller.card, label(world)
+    others = world.dynamics.kind != DynamicsConfig.kind
+    if card.steps and card.world != here and (card.world != "still" or others):
+        say(f"{card.name} was trained in {card.world}, here in {here}: {_REMEDY}")
+
+
+_REMEDY = "--world and --set world.... say where it swims"
 
 
 def say_if_too_short(swims: Sequence["Trajectory"]) -> None:

@@ -8,8 +8,10 @@ import tyro
 from salpchain.cli.options import Flag, Lengths, Task, Whole, World, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
+from salpchain.cli.settings import Sets, changed_world
 from salpchain.cli.video import sources_of
 from salpchain.files import writing
+from salpchain.world.presets import world_config
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,9 @@ class Replay:
     dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
     policy was trained for."""
     world: World = "still"
+    set: Sets = ()
+    """Any number of the world, such as world.dynamics=landsalp or world.current.speed=0:0.08; may
+    be given several times. docs/settings.md lists them."""
     overwrite: Flag = False
     """Replace the file if it exists."""
 
@@ -50,7 +55,8 @@ def run(options: Replay) -> None:
     """Swims where it must, writes the page, and says so."""
     sources = sources_of("", options.sources, "replay")
     out = check_out(options.out, (".html",), "replay")
-    asked = options.length, options.seed, options.trial, options.time_limit, options.world
+    world = changed_world(world_config(options.world), options.set)
+    asked = options.length, options.seed, options.trial, options.time_limit, world
     asked = *asked, options.task
     from salpchain.report.replay import write_replay
 

@@ -10,10 +10,13 @@ from salpchain.checks import check_length
 from salpchain.cli.options import Flag, Task, Whole, World, number, text_option
 from salpchain.cli.outputs import check_new
 from salpchain.cli.recordings import Limit, check_out, say_if_too_short, trajectories
+from salpchain.cli.settings import Sets, changed_world
 from salpchain.controllers.named import load
 from salpchain.errors import InputError
 from salpchain.files import writing
-from salpchain.tasks.registry import as_config, label
+from salpchain.tasks.registry import as_config
+from salpchain.tasks.registry import label as task_label
+from salpchain.world.presets import label, world_config
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,9 @@ class Rollout:
     dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
     policy was trained for."""
     world: World = "still"
+    set: Sets = ()
+    """Any number of the world, such as world.dynamics=landsalp or world.current.speed=0:0.08; may
+    be given several times. docs/settings.md lists them."""
     out: Annotated[str, text_option("FILE.npz")] = ""
     """The file to write. One that holds another episode is kept, and this one refused."""
     overwrite: Flag = False
@@ -56,10 +62,11 @@ def run(options: Rollout) -> None:
     if options.policy.endswith(".npz"):
         raise InputError(f"{options.policy} is recorded already: give a policy")
     length = str(check_length(number("length", options.length)))
-    asked = length, options.seed, options.trial, options.time_limit, options.world
+    world = changed_world(world_config(options.world), options.set)
+    asked = length, options.seed, options.trial, options.time_limit, world
     with writing(out):
         if out.exists() and not options.overwrite:
-            _check_same(out, options)
+            _check_same(out, options, label(world))
         (swim,) = trajectories([options.policy], *asked, options.task)
         swim.save(out)
     end = "goal reached" if swim.success else "goal not reached"
@@ -72,7 +79,7 @@ def run(options: Rollout) -> None:
     print(f"wrote {out}")
 
 
-def _check_same(out: Path, options: Rollout) -> None:
+def _check_same(out: Path, options: Rollout, world: str) -> None:
     """Raise InputError unless the file holds the episode that is asked for."""
     from salpchain.controllers.identity import identity
     from salpchain.evaluation.trajectory import Trajectory
@@ -86,6 +93,6 @@ def _check_same(out: Path, options: Rollout) -> None:
     numbers = [number(name, getattr(options, name)) for name in ("length", "seed", "trial")]
     policy = load(options.policy)
     task = as_config(options.task) if options.task else policy.card.trained_for
-    asked = *numbers, options.time_limit, options.world, label(task)
+    asked = *numbers, options.time_limit, world, task_label(task)
     if has != (identity(policy), *asked):
         check_new(out)

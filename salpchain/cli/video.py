@@ -15,8 +15,10 @@ from salpchain.cli.recordings import (
     say_if_too_short,
     trajectories,
 )
+from salpchain.cli.settings import Sets, changed_world
 from salpchain.errors import InputError
 from salpchain.files import writing
+from salpchain.world.presets import world_config
 
 SUFFIXES = (".mp4", ".gif", ".png")
 GRID = "4,8,16,32,64"
@@ -54,6 +56,9 @@ class Video:
     dock, passage or gather (docs/tasks.md), or one of your own, module:Class. Default: what the
     policy was trained for."""
     world: World = "still"
+    set: Sets = ()
+    """Any number of the world, such as world.dynamics=landsalp or world.current.speed=0:0.08; may
+    be given several times. docs/settings.md lists them."""
     compare: Annotated[tuple[str, ...], text_option("A B")] = ()
     """Two or more policies or trajectories, side by side on the same episode."""
     grid: Flag = False
@@ -61,7 +66,8 @@ class Video:
     size: Annotated[str, text_option("WIDTHxHEIGHT")] = ""
     """In pixels. Default: 1280x720; 640x360 for a .gif; 320x220 for each moment of a strip."""
     speed: Decimal = ""
-    """Seconds of swimming in each second of video. Default: 2; 4 for a .gif."""
+    """Seconds of swimming in each second of video. Default: 2; 4 for a .gif; of chains with
+    other dynamics as many control steps."""
     rate: Decimal = ""
     """Frames in each second of video. Default: 30; 15 for a .gif."""
     overwrite: Flag = False
@@ -73,7 +79,8 @@ def run(options: Video) -> None:
     sources = sources_of(options.source, options.compare, "video")
     out = check_out(options.out, SUFFIXES, "video")
     width, height = _size(options.size)
-    from salpchain.report.video import with_defaults, write_video
+    world = changed_world(world_config(options.world), options.set)
+    from salpchain.report.video import paced, with_defaults, write_video
 
     speed, rate = decimal("speed", options.speed), decimal("rate", options.rate)
     film = with_defaults(out, width=width, height=height, speed=speed, rate=rate)
@@ -83,10 +90,11 @@ def run(options: Video) -> None:
     with writing(out):
         if not options.overwrite:
             check_new(out)
-        asked = options.seed, options.trial, options.time_limit, options.world, options.task
+        asked = options.seed, options.trial, options.time_limit, world, options.task
         swims = trajectories(sources, lengths, *asked)
         if options.compare:
             _check_same_episode(swims)
+        film = film if options.speed else paced(film, swims)
         with share_display("drawing") as watch:
             write_video(swims, out, film, progress=lambda share: watch(share, out.name))
     say_if_too_short(swims)

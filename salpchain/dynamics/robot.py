@@ -259,6 +259,14 @@ def tempo_of(physics: Physics) -> float:
     return physics.tempo if isinstance(physics, Dynamics) else 1.0
 
 
+def mounts_of(physics: Physics, length: int) -> Float[np.ndarray, " unit"]:
+    """The angle (rad) of each unit minus that of its rigid link; none of the paper's units."""
+    if not isinstance(physics, Dynamics):
+        return np.zeros(0)
+    parts = physics.parts
+    return np.array([radians(parts[i % len(parts)].jet) - QUARTER for i in range(length)])
+
+
 def settled(physics: Physics, chain: Chain) -> Chain:
     """The chain as these dynamics have it; as it is, of the paper's."""
     return physics.settle(chain) if isinstance(physics, Dynamics) else chain

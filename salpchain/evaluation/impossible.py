@@ -61,9 +61,9 @@ def reachable_in(swim: Trajectory, physics: Physics | None = None) -> float:
     """The largest closed fraction that any controller can have from the start of this swim.
 
     As `limits.reachable` at its time limit, of a chain that starts at rest; 1 where its target
-    moves.
+    moves, and of chains of rigid links.
     """
-    if swim.target_moves:  # nobody knows
+    if swim.target_moves or swim.is_rigid:  # nobody knows
         return 1.0
     physics = physics or Physics()
     length, steps = swim.length, step_limit(swim.time_limit, swim.length)

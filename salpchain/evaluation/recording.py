@@ -14,6 +14,7 @@ from salpchain.checks import check_seed
 from salpchain.controllers import named
 from salpchain.controllers.identity import identity
 from salpchain.controllers.policy import Controller, begin
+from salpchain.dynamics.robot import mounts_of
 from salpchain.evaluation import episodes
 from salpchain.evaluation.config import Lengths, as_lengths, lengths_as_text
 from salpchain.evaluation.progress import Progress, compiling, telling
@@ -116,6 +117,8 @@ def _trajectory(
         target=target,
         unit_length=float(world.dynamics.unit_length),
         unit_width=float(world.dynamics.unit_width),
+        link_length=float(world.dynamics.link_length),
+        mounts=mounts_of(world.dynamics, length),
         around=surroundings(world, points, gain, current),
     )
 

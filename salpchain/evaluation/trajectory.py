@@ -17,7 +17,7 @@ from salpchain.checks import check_kinds, check_length, check_seed, one_of
 from salpchain.errors import InputError
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.files import StrPath, write_bytes
-from salpchain.physics.sizes import UNIT_LENGTH, UNIT_WIDTH
+from salpchain.physics.sizes import LINK_LENGTH, UNIT_LENGTH, UNIT_WIDTH
 from salpchain.tasks.config import TIME_LIMITS
 
 FORMAT = 1
@@ -64,6 +64,9 @@ class Trajectory:
     task: str = "reach"  # what it was to do
     unit_length: float = UNIT_LENGTH  # m, along the chain
     unit_width: float = UNIT_WIDTH  # m, across it
+    link_length: float = LINK_LENGTH  # m
+    # (unit,) rad, of units that are rigid links: their angle minus the link's; else none
+    mounts: np.ndarray = field(default_factory=lambda: np.zeros(0))
     around: Surroundings = field(default_factory=Surroundings)  # what was there
 
     def __post_init__(self) -> None:
@@ -73,7 +76,8 @@ class Trajectory:
         one_of("time limit", self.time_limit, TIME_LIMITS)
         if self.trial < 0:
             raise InputError(f"trial must be 0 or more, got {self.trial}")
-        for name, unit in (("dt", "s"), ("unit_length", "m"), ("unit_width", "m")):
+        lengths = ("unit_length", "unit_width", "link_length")
+        for name, unit in (("dt", "s"), *((name, "m") for name in lengths)):
             if not 0 < getattr(self, name) < 1e3:
                 raise InputError(f"{name} must be positive ({unit}), got {getattr(self, name)}")
         for one in fields(self):
@@ -85,12 +89,24 @@ class Trajectory:
         for name, shape in _shapes(times, self.length).items():
             moves = name == "target" and self.target_moves
             _check_array(name, getattr(self, name), (times, *shape) if moves else shape)
+        if self.is_rigid:
+            _check_array("mounts", self.mounts, (self.length,))
         self.around.check(times - 1, self.length)
 
     @property
     def unit_size(self) -> tuple[float, float]:
         """Of a unit, along the chain and across it (m)."""
         return self.unit_length, self.unit_width
+
+    @property
+    def scale(self) -> float:
+        """How many times larger than for the paper's chains goal and jets are, as links are."""
+        return self.link_length / LINK_LENGTH if self.is_rigid else 1.0
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether each unit is a rigid link, hinged to the next end to end."""
+        return self.mounts.size > 0
 
     @property
     def steps(self) -> int:
@@ -129,10 +145,19 @@ class Trajectory:
 
     @cached_property
     def link_ends(self) -> Float[np.ndarray, "time link 2"]:
-        """The second end (m) of every link: where the next unit is, unless the link is cut."""
-        span = np.linalg.norm(self.unit_position[0, 0] - self.link_position[0, 0])
-        along = np.stack([np.cos(self.link_angle), np.sin(self.link_angle)], axis=-1)
-        return self.link_position + span * along
+        """The second end (m) of every link: where the next unit is, unless the link is cut.
+
+        A cut link hangs on the unit before it, at its first end.
+        """
+        return 2 * self.link_position - self.unit_position[:, :-1]
+
+    @cached_property
+    def hinges(self) -> Float[np.ndarray, "time end 2"]:
+        """Of units that are rigid links: the first end (m) of the first, then each second end."""
+        angle = self.unit_angle - self.mounts
+        half = self.link_length / 2 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        ends = self.unit_position + half
+        return np.concatenate([self.unit_position[:, :1] - half[:, :1], ends], axis=1)
 
     @cached_property
     def parted(self) -> Bool[np.ndarray, "time link"]:
@@ -233,6 +258,7 @@ _SCALARS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "task": ("U", str),
     "unit_length": ("f", float),
     "unit_width": ("f", float),
+    "link_length": ("f", float),
 }
 # What old files lack.
 _LATER = {
@@ -241,6 +267,8 @@ _LATER = {
     "task": np.asarray("reach"),
     "unit_length": np.asarray(UNIT_LENGTH),
     "unit_width": np.asarray(UNIT_WIDTH),
+    "link_length": np.asarray(LINK_LENGTH),
+    "mounts": np.zeros(0),
 }
 
 

@@ -9,13 +9,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from salpchain.dynamics.robot import scale_of
 from salpchain.report.picture import FAINT, INK, PLACES, WATER
 from salpchain.report.shapes import unit_outlines
 from salpchain.tasks.features import CONTROL_STEP
 from salpchain.tasks.state import State
 
 SIDE = 480  # pixels
-MARGIN = 0.15  # m, around chain and target
+MARGIN = 0.15  # m, around chain and target, of the paper's links
 DOTS = 100  # for each inch
 
 Frame = UInt8[np.ndarray, "row column 3"]
@@ -42,13 +43,14 @@ class Screen:
         canvas = FigureCanvasAgg(figure)
         panel = figure.add_axes((0, 0, 1, 1))
         panel.set_axis_off()
-        middle, half = (self._low + self._high) / 2, (self._high - self._low).max() / 2 + MARGIN
+        physics = state.world.dynamics
+        middle, half = (self._low + self._high) / 2, (self._high - self._low).max() / 2
+        half += MARGIN * scale_of(physics)
         panel.set_xlim(middle[0] - half, middle[0] + half)
         panel.set_ylim(middle[1] - half, middle[1] + half)
         panel.plot(*target.T, ".-", color=FAINT, linewidth=1, markersize=5)
         panel.plot(*position.T, color=INK, linewidth=1)
         colours = np.asarray(PLACES(np.linspace(0, 1, len(position))))
-        physics = state.world.dynamics
         size = float(physics.unit_length), float(physics.unit_width)
         boxes = list(unit_outlines(position, angle, size))
         panel.add_collection(PolyCollection(boxes, facecolors=colours))
@@ -94,5 +96,6 @@ class Screen:
 
 
 def _words(state: State) -> str:
-    seconds, apart = 0.1 * int(state.time), float(state.distances.mean)
+    step = float(state.world.dynamics.control_step)
+    seconds, apart = step * int(state.time), float(state.distances.mean)
     return f"{state.target.shape[0]} units, {seconds:.1f} s, {apart:.2f} m from the target"

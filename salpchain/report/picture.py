@@ -24,7 +24,7 @@ from salpchain.report.shapes import (
     Size,
     crosses,
     length_name,
-    pieces,
+    lines,
     round_length,
     unit_outlines,
 )
@@ -99,7 +99,7 @@ def _view(swim: Trajectory) -> View:
     points = np.concatenate([swim.unit_position, swim.targets]).reshape(-1, 2)
     points = np.concatenate([points, surroundings.near(swim.around, points)]) @ turn.T
     low, high = points.min(axis=0), points.max(axis=0)
-    margin = 0.06 + 0.03 * (high - low).max()
+    margin = 0.06 * swim.scale + 0.03 * (high - low).max()
     size = high - low + 2 * margin
     wanted = np.clip(size[0] / size[1], *SHAPES)
     grown = np.maximum(size, [size[1] * wanted, size[0] / wanted])
@@ -142,7 +142,8 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     angle = np.arctan2(view.turn[1, 0], view.turn[0, 0])
     _draw_water(panel, view)
     _draw_obstacles(panel, view, point)
-    _draw_target(panel, swim.targets[-1] @ view.turn.T, point)
+    own = point / swim.scale  # metres of a chain with the paper's links for each point
+    _draw_target(panel, swim.targets[-1] @ view.turn.T, own)
     if swim.target_moves:
         way = swim.targets.mean(axis=1) @ view.turn.T
         panel.plot(*way.T, color="#7fb2d6", linewidth=1.0, alpha=0.7, zorder=1.2)
@@ -150,10 +151,9 @@ def _draw(panel: Axes, view: View, scale: float, place: tuple[float, float, floa
     size = swim.unit_size
     for time, strength in _moments(turned):
         dead = swim.around.dead(time, swim.length) & (strength == 1)
-        parts = pieces(turned[time], swim.parted[time], swim.link_ends[time] @ view.turn.T)
-        _draw_links(panel, parts, strength, point)
-        _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, point, size)
-        _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, point, size)
+        _draw_links(panel, [part @ view.turn.T for part in lines(swim, time)], strength, own)
+        _draw_chain(panel, turned[time], swim.unit_angle[time] + angle, strength, own, size)
+        _draw_dead(panel, turned[time][dead], swim.unit_angle[time][dead] + angle, own, size)
     _draw_words(panel, view, place, point)
 
 

@@ -105,6 +105,7 @@ def packed(swim: Trajectory) -> dict[str, Any]:
         "target": np.round(swim.targets[0].astype(float), 4).tolist(),
         **moving,
         **({} if swim.unit_size == UNIT else {"unit": swim.unit_size}),
+        **packed_hinges(swim),
         **packed_surroundings(swim.around, swim.length),
         **packed_cuts(swim),
         **scale.packed(),
@@ -131,6 +132,13 @@ def packed_surroundings(around: Surroundings, length: int) -> dict[str, Any]:
             "flow": _numbers(around.water / speed * 127, "<i1"),
         }
     return known
+
+
+def packed_hinges(swim: Trajectory) -> dict[str, Any]:
+    """Of units that are rigid links: how long they are (m), and their mounts (rad)."""
+    if not swim.is_rigid:
+        return {}
+    return {"link": swim.link_length, "mounts": np.round(swim.mounts, 5).tolist()}
 
 
 def packed_cuts(swim: Trajectory) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +12,11 @@ from salpchain.report.canvas import Canvas, shortened, text_width
 from salpchain.report.shapes import (
     LINK_WIDTH,
     REACHED,
+    between,
     crosses,
     jet_outlines,
     length_name,
-    pieces,
+    lines,
     place_colours,
     round_length,
     unit_outlines,
@@ -29,7 +29,7 @@ STONE, RIM = (0.20, 0.27, 0.33), (0.58, 0.67, 0.72)
 STREAKS = 18  # along the longer side of a picture (chosen)
 SHINE = 0.18  # how far the middle of a unit is lighter than its rim (chosen)
 SPECK = 2.4  # pixels, of the smallest unit that is drawn as a box (chosen)
-TRAIL = 6.0  # s of the centroid's way that glow strongest (chosen)
+TRAIL = 60  # control steps of the centroid's way that glow strongest (chosen)
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,18 @@ class Scene:
         return float((room / (high - low)).min())
 
     @cached_property
+    def _own(self) -> float:
+        """Pixels for what is a metre of a chain with the paper's links."""
+        return self.scale * self.swim.scale
+
+    @cached_property
     def _reach(self) -> Float[np.ndarray, "2 2"]:
         """Lowest and highest coordinates (m) that are shown."""
         points = np.concatenate([self.swim.unit_position, self.swim.targets]).reshape(-1, 2)
         points = np.concatenate([points, surroundings.near(self.swim.around, points)])
         points = points @ self._turn.T
         low, high = points.min(axis=0), points.max(axis=0)
-        margin = 0.08 + 0.03 * (high - low).max()
+        margin = 0.08 * self.swim.scale + 0.03 * (high - low).max()
         return np.stack([low - margin, high + margin])
 
     @cached_property
@@ -111,7 +116,7 @@ class Scene:
 
     def _draw_band(self, canvas: Canvas, target: np.ndarray) -> None:
         """The band around a target (m) within which it counts as taken."""
-        canvas.lines([self.at(target)], GHOST, 2 * REACHED * self.scale, alpha=0.13)
+        canvas.lines([self.at(target)], GHOST, 2 * REACHED * self._own, alpha=0.13)
 
     def _draw_obstacles(self, canvas: Canvas) -> None:
         """Walls and posts: a soft shadow, the stone, its lit rim."""
@@ -185,11 +190,11 @@ class Scene:
         """
         canvas.window(self.box.x, self.box.y, self.box.width, self.box.height)
         now = float(min(time / self.swim.dt, self.swim.steps))
-        position = _between(self.swim.unit_position, now)
-        angle = _between(self.swim.unit_angle, now)
+        position = between(self.swim.unit_position, now)
+        angle = between(self.swim.unit_angle, now)
         self._draw_water(canvas, min(time, self.swim.duration))
         self._draw_trail(canvas, now)
-        target = _between(self.swim.targets, now)
+        target = between(self.swim.targets, now)
         if self.swim.target_moves:
             self._draw_band(canvas, target)
         self._draw_ghosts(canvas, target, position, angle)
@@ -203,11 +208,10 @@ class Scene:
     def _draw_trail(self, canvas: Canvas, now: float) -> None:
         """The centroid's way up to now, brightest where it was last."""
         past = self.swim.centroid[: int(now) + 1]
-        ways = self.at(np.vstack([past, _between(self.swim.centroid, now)]))
-        width, recent = max(1.2, 0.012 * self.scale), int(TRAIL / self.swim.dt)
-        stride = max(1, len(ways) // 200)
+        ways = self.at(np.vstack([past, between(self.swim.centroid, now)]))
+        width, stride = max(1.2, 0.012 * self._own), max(1, len(ways) // 200)
         canvas.lines([np.vstack([ways[:-1:stride], ways[-1:]])], INK, width, alpha=0.16)
-        for part, alpha in ((recent, 0.14), (recent // 2, 0.18), (recent // 4, 0.25)):
+        for part, alpha in ((TRAIL, 0.14), (TRAIL // 2, 0.18), (TRAIL // 4, 0.25)):
             canvas.lines([ways[-max(part, 2) :]], INK, width, alpha=alpha)
 
     def _draw_ghosts(
@@ -218,25 +222,23 @@ class Scene:
             self.at(target),
         )
         pairs = np.stack([self.at(position), target], axis=1)
-        canvas.lines(pairs, GHOST, max(0.7, 0.004 * self.scale), alpha=0.30)
-        canvas.lines([target], GHOST, max(1.0, 0.3 * LINK_WIDTH * self.scale), alpha=0.55)
+        canvas.lines(pairs, GHOST, max(0.7, 0.004 * self._own), alpha=0.30)
+        canvas.lines([target], GHOST, max(1.0, 0.3 * LINK_WIDTH * self._own), alpha=0.55)
         canvas.fill(outlines, GHOST, alpha=0.34)
 
     def _draw_jets(
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, thrust: np.ndarray
     ) -> None:
+        sizes = self.swim.unit_size, self.swim.scale
         for width, alpha in ((1.5, 0.22), (0.9, 0.40), (0.45, 0.8)):
-            canvas.fill(
-                self.at(jet_outlines(position, angle, thrust, width, self.swim.unit_size)),
-                INK,
-                alpha,
-            )
+            jets = jet_outlines(position, angle, thrust, width, *sizes)
+            canvas.fill(self.at(jets), INK, alpha)
 
     def _draw_chain(
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, now: float
     ) -> None:
-        way, width = self.at(position), max(1.6, LINK_WIDTH * self.scale)
-        parts = [self.at(part) for part in self._parts(position, now)]
+        way, width = self.at(position), max(1.6, LINK_WIDTH * self._own)
+        parts = [self.at(part) for part in lines(self.swim, now)]
         canvas.lines(parts, DEEP, 1.7 * width, alpha=0.55)
         canvas.lines(parts, (0.82, 0.90, 0.94), width)
         if self.swim.unit_size[0] * self.scale < SPECK:
@@ -251,10 +253,6 @@ class Scene:
         shine = outlines.mean(axis=1, keepdims=True)
         canvas.fill(shine + 0.5 * (outlines - shine), (1.0, 1.0, 1.0), alpha=SHINE)
 
-    def _parts(self, position: np.ndarray, now: float) -> list[np.ndarray]:
-        """The pieces of the chain as lines (m), each with the link that hangs on its last unit."""
-        return pieces(position, self.swim.parted[int(now)], _between(self.swim.link_ends, now))
-
     def _draw_dead(
         self, canvas: Canvas, position: np.ndarray, angle: np.ndarray, step: int
     ) -> None:
@@ -262,7 +260,7 @@ class Scene:
         dead = self.swim.around.dead(step, self.swim.length)
         if not dead.any():
             return
-        width = max(1.2, 0.006 * self.scale)
+        width = max(1.2, 0.006 * self._own)
         where = position[dead], angle[dead], self.swim.unit_size
         canvas.fill(self.at(unit_outlines(*where)), STONE, alpha=0.8)
         canvas.lines(self.at(crosses(*where)), INK, width, alpha=0.95)
@@ -270,7 +268,7 @@ class Scene:
     def _draw_words(self, canvas: Canvas, now: float) -> None:
         """The numbers of clock and distance; the goal in words once it is reached."""
         size, low, at = self.text_size, self._words_at, self._columns
-        apart = 100 * float(_between(self.swim.distance, now))
+        apart = 100 * float(between(self.swim.distance, now))
         arrived = self.swim.success and now >= self.swim.steps
         colour = DONE if arrived else INK
         canvas.text(at["time"], low, f"{now * self.swim.dt:.1f}", size, colour, right=True)
@@ -292,13 +290,6 @@ def _draw_specks(canvas: Canvas, way: np.ndarray) -> None:
     ends = np.concatenate([way[:1], middle, way[-1:]])
     for start, end, colour in zip(ends[:-1], ends[1:], place_colours(len(way)), strict=True):
         canvas.lines([np.stack([start, end])], colour, SPECK)
-
-
-def _between(values: np.ndarray, now: float) -> Any:
-    """The values at a time between two steps."""
-    first = min(int(now), len(values) - 1)
-    last, part = min(first + 1, len(values) - 1), now - first
-    return (1 - part) * values[first] + part * values[last]
 
 
 def water(canvas: Canvas, boxes: list[Box], dither: bool = True) -> None:

@@ -1,8 +1,11 @@
 """The look of a chain as outlines in metres, and its colours: what every picture shares."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 
+from salpchain.evaluation.trajectory import Trajectory
 from salpchain.physics.sizes import UNIT_LENGTH, UNIT_WIDTH
 
 # Seaborn's and Matplotlib's maps end in colours lost on water: this one runs from deep sea to sun.
@@ -51,6 +54,21 @@ def pieces(
     return [np.concatenate(p) for p in zip(np.split(position, cut + 1), hanging, strict=True)]
 
 
+def lines(swim: Trajectory, now: float | int) -> list[Points]:
+    """The chain as lines (m) at a time (control steps): through the units, or hinge to hinge."""
+    if swim.is_rigid:
+        return [between(swim.hinges, now)]
+    units, ends = between(swim.unit_position, now), between(swim.link_ends, now)
+    return pieces(units, swim.parted[int(now)], ends)
+
+
+def between(values: np.ndarray, now: float | int) -> Any:
+    """The values at a time between two steps."""
+    first = min(int(now), len(values) - 1)
+    last, part = min(first + 1, len(values) - 1), now - first
+    return (1 - part) * values[first] + part * values[last]
+
+
 def crosses(
     position: Points, angle: Float[np.ndarray, " unit"], unit: Size = UNIT
 ) -> Float[np.ndarray, "line 2 2"]:
@@ -68,21 +86,22 @@ def jet_outlines(
     thrust: Float[np.ndarray, " unit"],
     width: float = 1.0,
     unit: Size = UNIT,
+    scale: float = 1.0,
 ) -> Outlines:
     """Drops (m) that leave each unit opposite to its push; none where the thrust is zero.
 
     A positive thrust pushes along the heading, so its water leaves at the other side. Lengths are
-    those of `jet_size`.
+    those of `jet_size`, times `scale`.
     """
     size = jet_size(thrust)
     away = np.linspace(0, 1, 2 * DETAIL)
-    girth = 0.014 * width * np.sqrt(1 - away) * (0.55 + 1.2 * away)
+    reach, girth = JET * scale, 0.014 * scale * width * np.sqrt(1 - away) * (0.55 + 1.2 * away)
     right, left = np.stack([girth, -away], 1), np.stack([-girth, -away], 1)[::-1]
     drop = (
         np.concatenate([right, left])[None]
-        * np.stack([(0.35 + 0.65 * size) * (size > 0), JET * size * np.sign(thrust)], 1)[:, None]
+        * np.stack([(0.35 + 0.65 * size) * (size > 0), reach * size * np.sign(thrust)], 1)[:, None]
     )
-    rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (unit[1] / 2 - 0.003))[:, None]
+    rim = np.array([0.0, 1.0]) * (-np.sign(thrust) * (unit[1] / 2 - 0.003 * scale))[:, None]
     return _placed(drop + rim[:, None], position, angle)
 
 

@@ -23,6 +23,8 @@ from salpchain.report.strip import strip
 SUFFIXES = (".mp4", ".gif", ".png")
 SMALLEST, LARGEST = 64, 4096  # pixels, of a side of a video
 REST = 1.0  # s that the last moment stays (chosen)
+FASTEST = 100.0  # s of swimming in each second of a video (chosen)
+PAPER_STEP = 0.1  # s, a control step of the paper's chains
 GAP = 6  # pixels between panels
 COLOURS = 128  # of a GIF (chosen)
 PLACES = 16  # shades of a chain among them (chosen)
@@ -60,7 +62,7 @@ class Film:
                 )
         if not 1 <= self.rate <= 120:
             raise InputError(f"the frame rate must be 1 to 120 per second, got {self.rate}")
-        if not 0.05 <= self.speed <= 100:
+        if not 0.05 <= self.speed <= FASTEST:
             raise InputError(f"speed must be 0.05 to 100, got {self.speed}")
 
 
@@ -86,7 +88,8 @@ def write_video(
     suffix = check_suffix(out)
     swims = as_swims(swims)
     function("progress", progress)
-    film = instance("film", DEFAULTS[suffix] if film is None else film, Film, "a Film")
+    film = paced(DEFAULTS[suffix], swims) if film is None else film
+    film = instance("film", film, Film, "a Film")
     if suffix == ".png":
         content = strip(swims, film.width, film.height)
     else:
@@ -240,6 +243,12 @@ def _palette(image: Any) -> Any:
     palette = Image.new("P", (1, 1))
     palette.putpalette([*chosen, *np.round(255 * kept).astype(int).ravel().tolist()])
     return palette
+
+
+def paced(film: Film, swims: Sequence[Trajectory]) -> Film:
+    """The film with as many control steps in each second as it has of the paper's chains."""
+    step = max((swim.dt for swim in swims if swim.is_rigid), default=PAPER_STEP)
+    return replace(film, speed=min(film.speed * step / PAPER_STEP, FASTEST))
 
 
 def with_defaults(out: StrPath, **given: Any) -> Film:

@@ -75,8 +75,19 @@ class World(eqx.Module):
         return step(chain, thrust, self.dynamics, fence, contact, self.obstacles)
 
     def ready(self, chain: Chain) -> Chain:
-        """The chain with what the dynamics remember of it, before its first step."""
-        return self.dynamics.ready(chain) if isinstance(self.dynamics, Dynamics) else chain
+        """The chain with what the dynamics remember of it, before its first step.
+
+        Raises:
+            InputError: links that part and join, where other dynamics than the paper's move it.
+        """
+        if not isinstance(self.dynamics, Dynamics):
+            return chain
+        if chain.docking is not None:
+            raise InputError(
+                "only the paper's chains part and join: leave world.dynamics out, or give task"
+                " reach or follow and task.action=thrust"
+            )
+        return self.dynamics.ready(chain)
 
     def advance(self, key: PRNGKeyArray) -> "World":
         """The world one control step later: with the current that it has then."""

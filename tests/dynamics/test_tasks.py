@@ -87,6 +87,12 @@ def test_what_a_kind_does_not_know_is_refused(kind):
         env.step(env.reset(jr.key(0)), jnp.zeros((2, 1)))
 
 
+def test_chains_of_links_that_never_open_neither_part_nor_join():
+    config = TaskConfig(length=2, action="grip")
+    with pytest.raises(InputError, match="only the paper's chains part and join"):
+        jax.eval_shape(SCLD(config, world("landsalp")).reset, jr.key(0))
+
+
 def test_the_ground_knows_no_current_and_no_mass():
     with pytest.raises(InputError, match=r"knows no world\.current"):
         WorldConfig(

@@ -17,7 +17,7 @@ const Curves = (() => {
     return Array.from({ length: count + 1 }, (_, i) => +(i * step).toPrecision(12));
   }
 
-  const named = (value, unit) => (value === 0 ? "0" : `${+value.toPrecision(6)} ${unit}`);
+  const named = (value, unit) => (value === 0 ? "0" : `${+value.toPrecision(6)} ${unit}`.trim());
 
   // panels: {title, unit, most, lines: [{values, dt, begin, colour, goesOn}]}; where everything is, in pixels.
   function layout(width, height, panels, end) {

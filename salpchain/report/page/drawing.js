@@ -1,7 +1,10 @@
 // What both pages draw: water, targets, chains, jets, trails. All lengths in metres, y upwards.
 "use strict";
 const Salp = (() => {
-  const sizes = {}; // unit: along the chain and across it, link: what a page is told
+  // unit: along the chain and across it, link: what a page is told; scale: how many times longer than
+  // the paper's links are those of the chain that is drawn, whose units are then rigid links
+  const sizes = {};
+  const own = (camera) => camera.scale * (sizes.scale ?? 1);
   const CORNER = 0.4, REACHED = 0.0513, JET = 0.075;
   const FAINTEST = 0.005, SHORTEST_JET = 0.25; // N; of a whole jet (as in report/shapes.py)
   const PLACES = ["#22c3d6", "#3fd79a", "#b9e04f", "#ffc54a", "#ff8a5c", "#f7609f"];
@@ -144,7 +147,7 @@ const Salp = (() => {
 
   // The band in which the goal counts, and a ghost of each unit.
   function ghosts(ctx, camera, target, units, strength = 1) {
-    const look = theme(), s = camera.scale;
+    const look = theme(), s = own(camera);
     trace(ctx, camera, target);
     stroke(ctx, `rgba(${look.ghost}, ${0.15 * strength})`, 2 * REACHED * s);
     stroke(ctx, `rgba(${look.ghost}, ${0.5 * strength})`, Math.max(1, 0.004 * s));
@@ -163,12 +166,12 @@ const Salp = (() => {
       ctx.moveTo(...camera.toScreen(units[i].x, units[i].y));
       ctx.lineTo(...camera.toScreen(...target[i]));
     }
-    stroke(ctx, `rgba(${theme().ghost}, 0.3)`, Math.max(0.8, 0.003 * camera.scale));
+    stroke(ctx, `rgba(${theme().ghost}, 0.3)`, Math.max(0.8, 0.003 * own(camera)));
   }
 
   // The way of the centroid, brightest where it was last.
   function trail(ctx, camera, points) {
-    const look = theme(), width = Math.max(1.5, 0.012 * camera.scale);
+    const look = theme(), width = Math.max(1.5, 0.012 * own(camera));
     for (const [part, alpha] of [[1, 0.12], [0.5, 0.14], [0.25, 0.18], [0.1, 0.22]]) {
       const recent = points.slice(Math.floor(points.length * (1 - part)));
       if (recent.length < 2) continue;
@@ -186,11 +189,11 @@ const Salp = (() => {
 
   // A jet leaves opposite to the push; it flickers a little while time goes on.
   function jet(ctx, camera, unit, seconds) {
-    const size = jetSize(unit.thrust), s = camera.scale, look = theme();
+    const size = jetSize(unit.thrust), s = own(camera), look = theme();
     if (!size) return;
     const flicker = still.matches ? 1 : 1 + 0.12 * Math.sin(31 * seconds + 9 * unit.place * 40);
     const [px, py] = camera.toScreen(unit.x, unit.y), side = Math.sign(unit.thrust);
-    const rim = (sizes.unit[1] / 2 - 0.003) * s, reach = JET * size * flicker * s;
+    const rim = sizes.unit[1] / 2 * camera.scale - 0.003 * s, reach = JET * size * flicker * s;
     ctx.save();
     ctx.translate(px, py);
     ctx.rotate(-unit.angle - camera.turn);
@@ -218,14 +221,23 @@ const Salp = (() => {
     ctx.restore();
   }
 
-  // units: {x, y, angle, thrust, place in [0, 1], off, marked}
-  function chain(ctx, camera, units, seconds) {
-    const look = theme(), s = camera.scale;
-    units.forEach((unit) => jet(ctx, camera, unit, seconds));
-    const points = units.flatMap((unit) => (unit.cut // its link hangs on in its own direction
+  // The line along a chain: through its units, or from hinge to hinge where they are rigid links.
+  function lineOf(units) {
+    if (units[0]?.mount !== undefined) {
+      const end = ({ x, y, angle, mount }, way) => [
+        x + way * sizes.link / 2 * Math.cos(angle - mount), y + way * sizes.link / 2 * Math.sin(angle - mount)];
+      return [end(units[0], -1), ...units.map((unit) => end(unit, 1))];
+    }
+    return units.flatMap((unit) => (unit.cut // its link hangs on in its own direction
       ? [[unit.x, unit.y], Object.assign([unit.x + 0.07 * Math.cos(unit.angle), unit.y + 0.07 * Math.sin(unit.angle)], { cut: true })]
       : [[unit.x, unit.y]]));
-    trace(ctx, camera, points);
+  }
+
+  // units: {x, y, angle, thrust, place in [0, 1], off, marked, mount}
+  function chain(ctx, camera, units, seconds) {
+    const look = theme(), s = own(camera);
+    units.forEach((unit) => jet(ctx, camera, unit, seconds));
+    trace(ctx, camera, lineOf(units));
     stroke(ctx, look.edge, Math.max(3, 0.02 * s));
     stroke(ctx, look.link, Math.max(1.6, 0.012 * s));
     for (const unit of units) {
@@ -245,7 +257,7 @@ const Salp = (() => {
   }
 
   function shine(ctx, camera, unit) {
-    const [px, py] = camera.toScreen(unit.x, unit.y), s = camera.scale;
+    const [px, py] = camera.toScreen(unit.x, unit.y), s = own(camera);
     const glow = ctx.createRadialGradient(px - 0.008 * s, py - 0.012 * s, 0, px, py, 0.03 * s);
     glow.addColorStop(0, "rgba(255, 255, 255, 0.75)");
     glow.addColorStop(0.45, "rgba(255, 255, 255, 0.10)");
@@ -257,14 +269,14 @@ const Salp = (() => {
 
   // A unit whose thruster is off.
   function cross(ctx, camera, unit) {
-    const [px, py] = camera.toScreen(unit.x, unit.y), r = Math.max(3, 0.016 * camera.scale);
+    const [px, py] = camera.toScreen(unit.x, unit.y), r = Math.max(3, 0.016 * own(camera));
     boxAt(ctx, camera, unit.x, unit.y, unit.angle);
     ctx.fillStyle = "rgba(20, 30, 40, 0.55)";
     ctx.fill();
     ctx.beginPath();
     ctx.moveTo(px - r, py - r); ctx.lineTo(px + r, py + r);
     ctx.moveTo(px - r, py + r); ctx.lineTo(px + r, py - r);
-    stroke(ctx, "#fff", Math.max(1.5, 0.006 * camera.scale));
+    stroke(ctx, "#fff", Math.max(1.5, 0.006 * own(camera)));
   }
 
   function scaleBar(ctx, camera) {

@@ -49,6 +49,8 @@
   const state = { time: 0, playing: false, speed: 2, touched: false };
   const water = get("water"), curves = get("curves");
 
+  function scaleOf(swim) { return swim.link ? swim.link / 0.07 : 1; } // times the paper's links
+
   function name(swim) {
     const usual = { task: "reach", world: "still" };
     const where = Object.keys(usual).filter((k) => swim[k] && swim[k] !== usual[k]).map((k) => `, ${swim[k]}`);
@@ -93,7 +95,7 @@
       camera.turn = together ? turn : turnOf(swim, camera.box);
       const above = Math.min(swims.length > 1 ? 50 : 34, height / 3), below = Math.min(28, height / 6);
       camera.box = [left, top + above, width, height - above - below];
-      camera.fit(together ? points.flat() : points[k], 0.09);
+      camera.fit(together ? points.flat() : points[k], 0.09 * scaleOf(swim));
       camera.box = [left, top, width, height];
       camera.pan(0, (above - below) / 2);
     });
@@ -132,7 +134,7 @@
         x: Salp.between(swim.x(first, i), swim.x(last, i), part),
         y: Salp.between(swim.y(first, i), swim.y(last, i), part),
         angle: Salp.betweenAngles(swim.angle(first, i), swim.angle(last, i), part),
-        thrust: swim.thrust(first, i), place: i / (swim.length - 1), cut: cut.has(i), off: swim.off?.includes(i) || (swim.dead?.[i] ?? Infinity) <= first,
+        thrust: swim.thrust(first, i), place: i / (swim.length - 1), mount: swim.mounts?.[i], cut: cut.has(i), off: swim.off?.includes(i) || (swim.dead?.[i] ?? Infinity) <= first,
       });
     }
     return units;
@@ -140,7 +142,7 @@
 
   function drawBodies(ctx, swim, now, units) {
     const { camera } = swim, target = swim.targetAt?.(now) ?? swim.target;
-    Salp.sizes.unit = swim.unit ?? sizes.unit;
+    Object.assign(Salp.sizes, { unit: swim.unit ?? sizes.unit, link: swim.link, scale: scaleOf(swim) });
     Salp.trail(ctx, camera, swim.centroid.slice(0, Math.floor(now) + 1));
     Salp.strings(ctx, camera, target, units);
     Salp.ghosts(ctx, camera, target, units);
@@ -184,10 +186,11 @@
       values: valuesOf(swim), dt: swim.dt, begin: (swim.begin ?? 0) * swim.dt, colour: colourOf(swim),
       goesOn: Boolean(world) && (swim.begin + swim.steps) * swim.dt < end - 1e-6,
     }));
+    const jets = swims.some((swim) => swim.mounts); // whose whole push is not 1 N
     return [
       { title: "Mean distance to the target", unit, most: factor * most,
         lines: lines((swim) => swim.distance.map((value) => factor * value)) },
-      { title: "Mean strength of the thrusts", unit: "N", most: 1, lines: lines((swim) => swim.effort) },
+      { title: `Mean strength of the thrusts${jets ? ", of a whole jet" : ""}`, unit: jets ? "" : "N", most: 1, lines: lines((swim) => swim.effort) },
     ];
   }
   const shown = panels();
@@ -240,7 +243,7 @@
     const [left, top, width, height] = camera.box;
     camera.zoom(factor, left + width / 2, top + height / 2);
   });
-  const step = (event, way) => { play(false); seek(state.time + way * (event.shiftKey ? 1 : swims[0].dt)); };
+  const step = (event, way) => { play(false); seek(state.time + way * (event.shiftKey ? 10 : 1) * swims[0].dt); };
   const help = () => { get("help").showModal(); get("help").scrollTop = 0; };
   const KEYS = {
     " ": () => play(!state.playing),
@@ -284,6 +287,10 @@
     requestAnimationFrame(frame);
   }
   get("scrub").max = end;
+  // As many control steps in a second as of the paper's chains, or nearly.
+  const pace = state.speed * (swims.find((swim) => swim.mounts)?.dt ?? 0.1) / 0.1;
+  state.speed = SPEEDS.reduce((best, one) => (Math.abs(one - pace) < Math.abs(best - pace) ? one : best));
+  get("speed").value = String(state.speed);
   words();
   play(!Salp.still.matches);
   window.replay = { state, swims, end };
