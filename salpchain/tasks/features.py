@@ -285,10 +285,8 @@ OBSERVATIONS: dict[str, Observation] = {
 }
 
 # Where the gains of the own thruster, forwards and backwards, are in what begins as `jets` does
-JETS = tuple(
-    [field for feature in OBSERVATIONS["jets"] for field in feature.fields].index(*feature.fields)
-    for feature in (THRUSTER, REVERSE)
-)
+_SEEN = [field for feature in OBSERVATIONS["jets"] for field in feature.fields]
+JETS = _SEEN.index(THRUSTER.fields[0]), _SEEN.index(REVERSE.fields[0])
 
 ACTIONS = {
     "thrust": "one number for each unit, in [-1, 1]: its thrust (N) along its heading",
