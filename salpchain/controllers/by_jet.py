@@ -3,23 +3,26 @@
 from dataclasses import replace
 from typing import Any
 
+from salpchain.controllers.observing import observing
 from salpchain.controllers.policy import Policy, as_policy
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import ByJet
 
-ALIKE = "control", "observation", "action", "task_name", "task_settings"  # of both cards
+ALIKE = "control", "action", "task_name", "task_settings"  # of both cards
 
 
 def by_jet(both_ways: Policy, one_way: Policy, name: str) -> Policy:
     """The policy by which a unit acts as `one_way` where its jet pushes one way, else `both_ways`.
 
-    Its units observe their own jet (`jets`, `sea`). Of what the card tells, lengths are those of
-    both, the steps are added up, and the world is that of `both_ways`.
+    Its units observe what those of `one_way` do, their own jet with it (`jets`, `sea`); what those
+    of `both_ways` observe may end earlier. Of what the card tells, lengths are those of both, the
+    steps are added up, and the world is that of `both_ways`.
 
     Raises:
-        InputError: they differ in network, observation, action or task; units do not observe their
-            jets, or remember; one has two networks already.
+        InputError: they differ in network, action or task, or in what units observe first; units do
+            not observe their jets, or remember; one has two networks already.
     """
+    both_ways = observing(both_ways, one_way.card.observation)
     card, other = both_ways.card, one_way.card
     for what in ALIKE:
         mine, theirs = getattr(card, what), getattr(other, what)

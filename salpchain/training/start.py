@@ -5,15 +5,13 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
-from jaxtyping import Array
 
+from salpchain.controllers.observing import observing
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
 from salpchain.errors import InputError
 from salpchain.networks.actor_critic import ActorCritic, ByJet
 from salpchain.networks.config import SINGLE_LENGTH
-from salpchain.tasks.features import layout
 from salpchain.training.config import TrainConfig
 
 
@@ -31,8 +29,7 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
         given = load(config.start)
     except InputError as error:
         raise InputError(f"start: {error}") from None
-    card, wanted = given.card, layout(task.observation)
-    own = config.control
+    card, own = given.card, config.control
     two = card.control.by_jet or own.by_jet
     had_trunk = replace(card.control, critic=own.critic, memory=own.memory, by_jet=two)
     for what, wanted_one, other in (
@@ -45,21 +42,17 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
             )
     if card.control.model in SINGLE_LENGTH and card.length != task.length:
         raise InputError(f"start {config.start} works at {card.length} units, got {task.length}")
-    had = layout(card.observation)
-    if wanted[: len(had)] != had:
-        raise InputError(
-            f"start {config.start} observes {card.observation}, with which what units of this run"
-            f" observe ({task.observation}) does not begin"
-        )
-    return given
+    try:
+        return observing(given, task.observation)
+    except InputError as error:
+        raise InputError(f"start {config.start}: {error}") from None
 
 
 def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
-    """The network with the weights of the policy.
+    """The network with the weights of the policy, which observes what the network does.
 
-    Where its units observe more, that counts for nothing at first, so that the run begins with what
-    the policy does. The spread of its actions is that of a fresh one: a policy at the end of its
-    training hardly explores. So is its critic, unless both have the same kind, and its memory,
+    The spread of its actions is that of a fresh one: a policy at the end of its training hardly
+    explores. So is its critic, unless both have the same kind, and its memory,
     which counts for nothing at first, unless both have one. Of two networks by jet both begin with
     the weights of a policy that has one.
     """
@@ -74,14 +67,10 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
 def _with_weights(fresh: Any, given: Any) -> Any:
     """One network with the weights of another, as `with_weights` says."""
 
-    def put(new: Array, old: Array) -> Array:
-        more = [(0, there - here) for here, there in zip(old.shape, new.shape, strict=True)]
-        return jnp.pad(old.astype(new.dtype), more)
-
     if given.critic_observes != fresh.critic_observes:
         judge = "critic", "score", "critic_trunk", "critic_observes"
         given = replace(given, **{name: getattr(fresh, name) for name in judge})
     if (given.recall is None) != (fresh.recall is None):
         given = replace(given, recall=fresh.recall)
-    weights: Any = jax.tree.map(put, fresh, given)
+    weights: Any = jax.tree.map(lambda new, old: old.astype(new.dtype), fresh, given)
     return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)

@@ -70,6 +70,14 @@ def test_a_unit_that_tells_nothing_or_is_dead_counts_as_one_whose_jet_pushes_bot
     np.testing.assert_allclose(BOTH.act(silent)[1], ONE.act(silent)[1], atol=1e-7)
 
 
+def test_units_of_one_network_may_observe_no_more_than_their_neighbours():
+    plain = policy(4, "proximity")
+    both, state = by_jet(plain, ONE, "both"), swimming(World())
+    seen = replace(state, obs=state.obs[:, : observation_size("proximity")])
+    np.testing.assert_allclose(both.act(state), plain.act(seen), atol=1e-7)
+    assert both.card.observation == "sea"
+
+
 def test_it_is_kept_as_one_file_and_its_card_tells_of_both(tmp_path):
     save_policy(BOTH, tmp_path / "both.safetensors")
     again = load(tmp_path / "both.safetensors")
@@ -130,8 +138,13 @@ def test_what_does_not_go_together_is_refused(tmp_path):
         ControlConfig("mlp", by_jet=True)
     with pytest.raises(InputError, match="begins as jets does, such as jets or sea, got proximity"):
         by_jet(policy(0, "proximity"), policy(1, "proximity"), "blind")
-    with pytest.raises(InputError, match="both policies must have the same observation: no-0 has"):
+    with pytest.raises(InputError, match=r"no-0 observes sea, with which .* does not begin"):
         by_jet(TWO, policy(1, "jets"), "two")
+    with pytest.raises(
+        InputError, match="both policies must have the same action: no-0 has thrust"
+    ):
+        other = actor_critic(jr.key(1), ControlConfig(), observation_size("sea"), 2, 8)
+        by_jet(TWO, as_policy(other, replace(ONE.card, action="pair")), "two")
     with pytest.raises(InputError, match="both has two networks already"):
         by_jet(BOTH, BOTH, "four")
     with pytest.raises(InputError, match="both has two, by what jet a unit has"):
