@@ -29,6 +29,7 @@ from salpchain.physics.state import Physics
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
+from studies import failures
 from studies.bars import run as bars
 from studies.budget import run as budget
 from studies.factors import run as factors
@@ -423,3 +424,44 @@ def test_runs_on_mixed_are_tested_at_their_length_and_those_of_the_longest_beyon
     assert sorted(played) == sorted([*eight, *sixteen])
     row = "| gcn-mixed-8 | 8 | fixed | 2 x 200 | 50.0 (50.0 to 50.0) | 85.0 (85.0 to 85.0) |"
     assert row in (tmp_path / "bars" / "report.md").read_text()
+
+
+def trial(**others):
+    usual = {"final_distance": 0.1, "start_distance": 1.0, "docks": 1, "parted_links": 0}
+    return pd.Series({**usual, "wall_impulse": 0.0, "steps": 900, **others})
+
+
+@pytest.mark.parametrize(
+    ("measures", "what"),
+    [
+        ({"final_distance": 0.9, "wall_impulse": 70.0}, "stuck at a wall"),
+        ({"final_distance": 0.9, "parted_links": 1}, "lost"),
+        ({"wall_impulse": 70.0, "docks": 0, "parted_links": 1}, "never docked"),
+        ({"docks": 1, "parted_links": 1}, "out of time: parted"),
+        ({}, "out of time: one chain"),
+    ],
+)
+def test_a_failed_trial_is_sorted_by_what_it_failed_of(measures, what):
+    assert failures.cause(trial(**measures)) == what
+
+
+def test_failures_of_the_policy_alone_are_listed(tmp_path, capsys, monkeypatch):
+    about = {"length": 8, "seed": 1, "time_limit": "scaled"}
+    rows = [
+        {**trial(), **about, "policy": "caravan", "trial": 0, "success": True},
+        {**trial(parted_links=1), **about, "policy": "caravan", "trial": 1, "success": False},
+        {**trial(parted_links=1), **about, "policy": "caravan", "trial": 4, "success": False},
+        {**trial(final_distance=2.0), **about, "policy": "greedy", "trial": 1, "success": False},
+    ]
+    pd.DataFrame(rows).to_csv(tmp_path / "evaluation.csv", index=False)
+    write_json(tmp_path / "evaluation.json", {"policy": "caravan", "lengths": []})
+    monkeypatch.setattr(sys, "argv", ["failures", str(tmp_path)])
+    failures.main()
+    assert capsys.readouterr().out == "8 units, out of time: parted: 2 (trials 1, 4)\n"
+    kept = pd.read_csv(tmp_path / "failures.csv")
+    assert kept.trial.tolist() == [1, 4] and set(kept.cause) == {"out of time: parted"}
+    with pytest.raises(InputError, match=r"holds no evaluation\.csv"):
+        failures.failures(tmp_path / "other")
+    pd.DataFrame(rows).drop(columns="docks").to_csv(tmp_path / "evaluation.csv", index=False)
+    with pytest.raises(InputError, match="whose chains do not part: it has no docks"):
+        failures.failures(tmp_path)

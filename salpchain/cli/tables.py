@@ -57,24 +57,27 @@ def table(summary: Summary) -> Table:
 
 
 def _own_table(summary: Summary, title: str, others: list[Any]) -> Table:
-    """The measures of a task that has its own, and the baseline's below the policy's."""
+    """The measures of a task that has its own, and the baseline's beside the policy's: a row for
+    each, however many there are."""
     made = Table(
         title=title,
-        caption="means [95 % interval]; lengths in m, times in steps, shares of 1",
+        caption="means [95 % interval]; lengths in m, shares of 1",
         title_justify="left",
         caption_justify="left",
         box=SIMPLE_HEAD,
-        padding=0,
+        padding=(0, 1, 0, 0),
     )
-    made.add_column("length", justify="right")
-    made.add_column("policy", no_wrap=True)
-    for name in summary["measures"]:
-        made.add_column(name.replace("_", "\n"), justify="right")
+    made.add_column("length", justify="right", no_wrap=True)
+    made.add_column("measure", no_wrap=True)
+    made.add_column(escape(summary["policy"]), justify="right")
+    if summary.get("baseline"):
+        made.add_column("greedy", justify="right")
     for own, other in zip(summary["lengths"], others, strict=True):
-        for whose, row in ((summary["policy"], own), ("greedy", other)):
-            if row:
-                cells = [_measured(row[name]) for name in summary["measures"]]
-                made.add_row(str(own["length"]), whose, *cells)
+        for name in ("success", *summary["measures"]):
+            cells = [_measured(row[name]) for row in (own, other) if row]
+            length = str(own["length"]) if name == "success" else ""
+            made.add_row(length, name.replace("_", " "), *cells)
+        made.add_section()
     return made
 
 

@@ -40,8 +40,9 @@ NEAR, LOST = 0.025, 0.07  # m, a unit is so far from its reference: up to here i
 THERE = 0.03  # m, from which on a piece is at a way-point
 NEARLY = 0.3  # of the last way into its place, when a piece makes way beside it
 FINE = 0.008  # m, at which a joint is closed
-PATIENCE = 100  # control steps, after which it is closed from as far as it closes at all
-RETRY = 250  # control steps after which a piece goes back and comes again
+# Control steps, beyond what the last way takes, after which ...
+PATIENCE = 60  # a joint is closed from as far as it closes at all
+RETRY = 210  # a piece goes back and comes again
 WAIT, LEAVE, LANE, ASIDE, BERTH, PLACED = range(6)  # stages of a piece
 LEGS = 16  # more than a lane has points: stage and leg are one number
 
@@ -296,6 +297,11 @@ def _berthing(convoy: Convoy, lost: Array) -> Convoy:
     return convoy._replace(off=jnp.where(_stage(convoy) >= BERTH, nearer, convoy.off))
 
 
+def _last_way(route: Route) -> Float[Array, " piece"]:
+    """Control steps that the way into its place takes at full speed."""
+    return jnp.linalg.norm(route.away, axis=-1) / (BERTHING * CONTROL_STEP)
+
+
 def _onward(state: State, convoy: Convoy, there: Array, lost: Array) -> Convoy:
     """Pieces that go on to their next way-points, where the piece before them has made way."""
     route, progress = convoy.route, convoy.progress
@@ -324,7 +330,7 @@ def _onward(state: State, convoy: Convoy, there: Array, lost: Array) -> Convoy:
     ) & (jnp.arange(len(stage)) < route.count)
     to_next = jnp.where((stage == LANE) & ~last, progress + 1, (stage + 1) * LEGS)
     onward = jnp.where(stage == LEAVE, then, to_next)
-    again = (stage == BERTH) & ~clear & (convoy.clock > RETRY)
+    again = (stage == BERTH) & ~clear & (convoy.clock > RETRY + _last_way(route))
     after = jnp.where(clear, onward, jnp.where(again, ASIDE * LEGS, progress))
     off = jnp.where(again, 1.0, convoy.off)
     clock = jnp.where(after != progress, 0, convoy.clock + 1)
@@ -343,9 +349,10 @@ def _docked(state: State, convoy: Convoy) -> Bool[Array, " piece"]:
 def _hold(state: State, convoy: Convoy) -> Bool[Array, " link"]:
     """Which links are held, or closed where they can be."""
     rank, chain = convoy.route.rank, state.seen
-    stage, clock = _stage(convoy)[rank], convoy.clock[rank]
+    stage = _stage(convoy)[rank]
     inside, waiting = rank[:-1] == rank[1:], (stage[:-1] == WAIT) & (stage[1:] == WAIT)
     berthed = (stage[:-1] >= BERTH) & (stage[1:] >= BERTH)
     gap = openings(chain, Physics())[:, 0]
-    late = jnp.minimum(clock[:-1], clock[1:]) > PATIENCE
+    over = convoy.clock - _last_way(convoy.route)
+    late = jnp.minimum(over[rank[:-1]], over[rank[1:]]) > PATIENCE
     return inside | waiting | (berthed & (chain.linked | (gap <= FINE) | late))

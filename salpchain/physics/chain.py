@@ -11,9 +11,10 @@ from jaxtyping import Array, Float
 from salpchain.physics.batching import over_the_batch
 from salpchain.physics.broadphase import far_pairs, near_solids
 from salpchain.physics.contact import among_all_units, among_units
+from salpchain.physics.docking import tightened
 from salpchain.physics.obstacles import Obstacles, every_obstruction, obstruction, solids
 from salpchain.physics.state import Bodies, Chain, Physics
-from salpchain.physics.substeps import Load, Motion, Opening, Pusher, Rig, run_substeps
+from salpchain.physics.substeps import Load, Motion, Pusher, Rig, run_substeps
 from salpchain.switches import standard_promotion
 from salpchain.xla import materialise
 
@@ -59,27 +60,34 @@ def _stepped(
     if not chain.present.size:  # a batch of none: nothing can touch
         contact, obstacles = False, None
     rig = Rig(physics, chain.rest_angle, chain.present, chain.joined, fence, obstacles)
-    opening, impulse = None, None
+    impulse, left = None, ()
     if chain.docking is not None:
-        never = chain.present.sum() < 0  # otherwise every substep would transpose them anew
-        loose = chain.docking.slack, chain.docking.twist, chain.held, chain.joined
-        *loose, held, joined = materialise(loose, never)
-        opening = Opening(*loose)
-        rig = rig._replace(held=held, joined=joined, latch=chain.docking.latch)
+        rig, left = _dockable(rig, chain)
     if chain.impulse is not None and obstacles is not None:
         impulse = jnp.zeros_like(chain.units.angle[0])
     units, links = _motion(chain.units, chain.present), _motion(chain.links, chain.held)
     push = jnp.where(chain.present, thrust, 0.0) * _across(units.angle)
     pushers = (_all_pushers if differentiable else _near_pushers)(rig, units, contact)
     load = Load(push, jnp.zeros_like(units.angle))
-    moved = run_substeps(rig, units, links, load, *pushers, opening=opening, impulse=impulse)
+    moved = run_substeps(rig, units, links, load, *pushers, impulse)
     flags = [moved.touching]
     if chain.blocked is not None:
         flags.append(jnp.zeros_like(moved.touching) if moved.blocked is None else moved.blocked)
     if chain.impulse is not None:
         none = jnp.zeros_like(chain.units.angle[0])
         flags.append(none if moved.impulse is None else moved.impulse)
-    return [*_fields(moved.units), *_fields(moved.links), *flags, *(moved.opening or ())]
+    return [*_fields(moved.units), *_fields(moved.links), *flags, *left]
+
+
+def _dockable(rig: Rig, chain: Chain) -> tuple[Rig, tuple[Array, Array]]:
+    """The rig of a chain whose links can be cut, and the slack and twist of its joints after."""
+    slack, twist, anchor = tightened(chain, rig.physics)
+    rest = rig.rest_angle.at[:, 1].add(twist)
+    # Otherwise every substep would compute them anew
+    never = chain.present.sum() < 0
+    rest, joined, held, anchor = materialise((rest, chain.joined, chain.held, anchor), never)
+    rig = rig._replace(rest_angle=rest, joined=joined, held=held, anchor=anchor)
+    return rig, (slack, twist)
 
 
 _step = over_the_batch(partial(_stepped, False), partial(_stepped, True))

@@ -14,7 +14,10 @@ from jaxtyping import Array, Bool, Float
 from salpchain.errors import InputError
 from salpchain.given import instance, told, whole
 from salpchain.physics.batching import over_the_batch
+from salpchain.physics.derivatives import root
+from salpchain.physics.joints import CLOSED
 from salpchain.physics.state import Chain, Docking, Latch, Physics
+from salpchain.physics.substeps import Anchor
 
 
 def dockable(chain: Chain, latch: Latch | None = None, record: bool = False) -> Chain:
@@ -68,16 +71,40 @@ def _grip(_: None, chain: Chain, hold: Array, physics: Physics) -> tuple[Array, 
     return linked, rest, slack, left, found, docking.catches + caught
 
 
+def tightened(chain: Chain, physics: Physics) -> tuple[Array, Array, Anchor]:
+    """Slack (m) and twist (rad) of joints after the next control step, and where the second end of
+    each link rests meanwhile: on the line on which it is, no farther than it is.
+
+    Arrays have the batch last.
+    """
+    docking: Any = chain.docking
+    latch: Latch = docking.latch
+    gap = jnp.stack(_gap(chain, physics))
+    size = root(gap[0] * gap[0] + gap[1] * gap[1])
+    closer, turned = (rate * physics.control_step for rate in (latch.closing, latch.turning))
+    slack = jnp.minimum(docking.slack, size)
+    twist = docking.twist - jnp.clip(docking.twist, -turned, turned)
+    left, some = jnp.maximum(slack - closer, 0.0), jnp.maximum(slack, CLOSED)
+    anchor = Anchor(gap * (slack / jnp.maximum(size, CLOSED)), (slack - left) / some)
+    return left, twist, anchor
+
+
+def _gap(chain: Chain, physics: Physics) -> tuple[Array, Array]:
+    """The second end of each link, from its unit (m)."""
+    half, angle = physics.link_length / 2, chain.links.angle
+    ends, units = chain.links.position, chain.units.position[1:]
+    return (
+        ends[:, 0] + half * jnp.cos(angle) - units[:, 0],
+        ends[:, 1] + half * jnp.sin(angle) - units[:, 1],
+    )
+
+
 def _off(chain: Chain, physics: Physics) -> tuple[Array, Array, Array]:
     """How far the second end of each link is from its unit: m, rad (not wrapped) and m/s."""
     units, links = chain.units, chain.links
     half = physics.link_length / 2
     x, y = half * jnp.cos(links.angle), half * jnp.sin(links.angle)
-    spin = links.angular_velocity
-    gap = (
-        links.position[:, 0] + x - units.position[1:, 0],
-        links.position[:, 1] + y - units.position[1:, 1],
-    )
+    spin, gap = links.angular_velocity, _gap(chain, physics)
     speed = (
         links.velocity[:, 0] - spin * y - units.velocity[1:, 0],
         links.velocity[:, 1] + spin * x - units.velocity[1:, 1],

@@ -38,15 +38,8 @@ def joint_force(
 ) -> Float[Array, "2 link batch"]:
     """Force (N) along the opening (m) of a joint, softplus-shaped; none while it is closed."""
     distance = root(opening[0] * opening[0] + opening[1] * opening[1])
-    return _pull(opening, distance, distance, joined, stiffness, softness)
-
-
-def _pull(
-    opening: Array, distance: Array, beyond: Array, joined: Array, stiffness: Any, softness: Any
-) -> Array:
-    """Force (N) along an opening of this distance (m), of which so much is `beyond` the slack."""
-    size = stiffness * softness * softplus(beyond * (1 / softness))
-    acts = joined & (beyond >= CLOSED)
+    size = stiffness * softness * softplus(distance * (1 / softness))
+    acts = joined & (distance >= CLOSED)
     return jnp.where(acts, size / jnp.maximum(distance, CLOSED), 0.0) * opening
 
 
@@ -76,46 +69,6 @@ def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
 
 # By `Physics.joint_derivative`
 FORCES = {"spring": spring_like_force, "exact": joint_force}
-
-
-def slack_force(
-    opening: Float[Array, "2 link batch"],
-    joined: Bool[Array, "link batch"],
-    slack: Float[Array, "link batch"],
-    stiffness: Any,
-    softness: Any,
-) -> Float[Array, "2 link batch"]:
-    """`joint_force` of a joint that pulls only where it is open by more than its slack (m)."""
-    distance = root(opening[0] * opening[0] + opening[1] * opening[1])
-    beyond = jnp.maximum(distance - slack, 0.0)
-    return _pull(opening, distance, beyond, joined, stiffness, softness)
-
-
-@jax.custom_jvp
-def spring_like_slack_force(
-    opening: Float[Array, "2 link batch"],
-    joined: Bool[Array, "link batch"],
-    slack: Float[Array, "link batch"],
-    stiffness: Any,
-    softness: Any,
-) -> Float[Array, "2 link batch"]:
-    """`slack_force`, with the derivative of `spring_like_force` by the opening, and none by the
-    slack."""
-    return slack_force(opening, joined, slack, stiffness, softness)
-
-
-@spring_like_slack_force.defjvp
-def _(primals: Any, tangents: Any) -> tuple[Array, Array]:
-    opening, joined, slack, *constants = primals
-    force, by_constants = jax.jvp(
-        lambda *some: slack_force(opening, joined, slack, *some),
-        tuple(constants),
-        tuple(tangents[3:]),
-    )
-    return force, by_constants + jnp.where(joined, constants[0], 0.0) * tangents[0]
-
-
-SLACK_FORCES = {"spring": spring_like_slack_force, "exact": slack_force}
 
 
 def angle_torque(

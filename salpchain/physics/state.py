@@ -64,7 +64,7 @@ class Docking(eqx.Module):
     joint closes on the unit of the higher index with a slack, so that nothing snaps.
     """
 
-    slack: Float[Array, " link"]  # m, opening at which the second joint does not pull yet
+    slack: Float[Array, " link"]  # m, opening at which the second joint is at rest
     twist: Float[Array, " link"]  # rad, added to its rest angle
     # m, rad, m/s: how far off it was when it last closed; None is not recorded and not paid.
     caught: Float[Array, "link 3"] | None = None

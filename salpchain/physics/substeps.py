@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from salpchain.physics.joints import FORCES, SLACK_FORCES, JointForces, angle_torque
+from salpchain.physics.joints import FORCES, JointForces, angle_torque
 
 
 class Motion(NamedTuple):
@@ -30,6 +30,13 @@ class Load(NamedTuple):
     torque: Float[Array, "unit batch"]
 
 
+class Anchor(NamedTuple):
+    """Where the second ends of links rest, from their units: nearer in each substep."""
+
+    start: Float[Array, "2 link batch"]  # m, before the control step
+    nearer: Float[Array, "link batch"]  # share of it that the step takes up
+
+
 class Rig(NamedTuple):
     """What stays the same during a control step."""
 
@@ -39,20 +46,14 @@ class Rig(NamedTuple):
     joined: Bool[Array, "link batch"]
     fence: Float[Array, "*batch"] | None
     obstacles: Any = None  # obstacles.Solids
-    held: Bool[Array, "link batch"] | None = None  # first joints that act, where links can be cut
-    latch: Any = None  # state.Latch, likewise
+    # Where links can be cut: first joints that act, and where second ends rest
+    held: Bool[Array, "link batch"] | None = None
+    anchor: Anchor | None = None
 
     @property
     def dt(self) -> Any:
         """Length of a substep (s)."""
         return self.physics.control_step / self.physics.substeps
-
-
-class Opening(NamedTuple):
-    """How far the second joint of each link still is from closed."""
-
-    slack: Float[Array, "link batch"]  # m
-    twist: Float[Array, "link batch"]  # rad
 
 
 class Substate(NamedTuple):
@@ -73,7 +74,6 @@ class Moved(NamedTuple):
     links: Motion
     touching: Bool[Array, " batch"]  # whether two units pushed each other on the way
     blocked: Bool[Array, " batch"] | None  # whether an obstacle pushed a unit; None without any
-    opening: Opening | None = None  # as it is now
     impulse: Float[Array, " batch"] | None = None  # N s, of obstacles on units, where asked for
 
 
@@ -96,14 +96,13 @@ def run_substeps(
     push: Load,
     contact: Pusher | None,
     obstruction: Pusher | None = None,
-    opening: Opening | None = None,
     impulse: Float[Array, " batch"] | None = None,
 ) -> Moved:
     """Both kinds of body after all substeps, with the loads of contact between units and with
     obstacles computed in each if given.
 
-    `opening` is that of links that can be cut; that of obstacles is added to `impulse`. The loop is
-    not unrolled: XLA then fuses the transposes around it into every substep.
+    That of obstacles is added to `impulse`. The loop is not unrolled: XLA then fuses the transposes
+    around it into every substep.
     """
     half = rig.physics.link_length / 2 * jnp.stack([jnp.cos(links.angle), jnp.sin(links.angle)])
     apart = jnp.zeros(units.angle.shape[-1], bool)
@@ -123,12 +122,10 @@ def run_substeps(
             if state.impulse is not None:
                 more = jnp.sqrt(jnp.square(load.force - before).sum(axis=0)).sum(axis=0)
                 state = state._replace(impulse=state.impulse + more * rig.dt)
-        left = None if opening is None else _left(rig, opening, index)
-        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0), left)
+        return _substep(rig, state, load, jnp.where(index == 0, keep, 1.0), index)
 
     state = jax.lax.fori_loop(0, rig.physics.substeps, substep, state)
-    left = None if opening is None else _left(rig, opening, rig.physics.substeps)
-    return Moved(state.units, state.links, state.touching, state.blocked, left, state.impulse)
+    return Moved(state.units, state.links, state.touching, state.blocked, state.impulse)
 
 
 def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Load, Any]:
@@ -143,11 +140,9 @@ def _pushed_by(pusher: Pusher, units: Motion, load: Load, flag: Any) -> tuple[Lo
     return pushed() if push.ever is None else jax.lax.cond(push.ever, pushed, lambda: (load, flag))
 
 
-def _substep(
-    rig: Rig, state: Substate, load: Load, keep: Array, opening: Opening | None
-) -> Substate:
+def _substep(rig: Rig, state: Substate, load: Load, keep: Array, index: Array) -> Substate:
     units, links, half = state[:3]
-    joints = _joints(rig, units, links, half, opening)
+    joints = _joints(rig, units, links, half, index)
     couple = joints.first - joints.second
     twist = half[0] * couple[1] - half[1] * couple[0]
     on_links = Load(
@@ -164,49 +159,25 @@ def _substep(
     return state._replace(units=units, links=links, half=half)
 
 
-def _left(rig: Rig, opening: Opening, substeps: Array | int) -> Opening:
-    """What is left of slack and twist after so many substeps."""
-    time = substeps * rig.dt
-    turned = rig.latch.turning * time
-    return Opening(
-        jnp.maximum(opening.slack - rig.latch.closing * time, 0.0),
-        opening.twist - jnp.clip(opening.twist, -turned, turned),
-    )
-
-
-def _joints(
-    rig: Rig, units: Motion, links: Motion, half: Array, opening: Opening | None
-) -> JointForces:
+def _joints(rig: Rig, units: Motion, links: Motion, half: Array, index: Array) -> JointForces:
     physics, joined = rig.physics, rig.joined
-    ends = (
-        links.position - half - units.position[:, :-1],
-        links.position + half - units.position[:, 1:],
-    )
+    acts = joined if rig.held is None else rig.held, joined
+    second = links.position + half - units.position[:, 1:]
+    if rig.anchor is not None:
+        part = (index + 1) / physics.substeps
+        second -= rig.anchor.start * (1 - part * rig.anchor.nearer)
+    ends = links.position - half - units.position[:, :-1], second
     bends = (
         links.angle - (units.angle[:-1] + rig.rest_angle[:, 0]),
         links.angle - (units.angle[1:] + rig.rest_angle[:, 1]),
     )
-    if opening is not None:
-        return _loose_joints(rig, ends, bends, opening)
-    pull = FORCES[physics.joint_derivative]
-    forces = (pull(end, joined, physics.joint_stiffness, physics.softness) for end in ends)
-    torques = (angle_torque(bend, joined, physics.angle_stiffness) for bend in bends)
-    return JointForces(*forces, *torques)
-
-
-def _loose_joints(
-    rig: Rig, ends: tuple[Array, Array], bends: tuple[Array, Array], opening: Opening
-) -> JointForces:
-    """What joints exert that can be cut: all links hang on their first unit."""
-    physics, joined = rig.physics, rig.joined
-    held = joined if rig.held is None else rig.held
-    constants = physics.joint_stiffness, physics.softness
-    return JointForces(
-        FORCES[physics.joint_derivative](ends[0], held, *constants),
-        SLACK_FORCES[physics.joint_derivative](ends[1], joined, opening.slack, *constants),
-        angle_torque(bends[0], held, physics.angle_stiffness),
-        angle_torque(bends[1] - opening.twist, joined, physics.angle_stiffness),
+    pull, constants = FORCES[physics.joint_derivative], (physics.joint_stiffness, physics.softness)
+    forces = (pull(end, here, *constants) for end, here in zip(ends, acts, strict=True))
+    torques = (
+        angle_torque(bend, here, physics.angle_stiffness)
+        for bend, here in zip(bends, acts, strict=True)
     )
+    return JointForces(*forces, *torques)
 
 
 def _gather(first: Array, second: Array) -> Array:

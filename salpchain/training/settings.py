@@ -4,7 +4,7 @@ The paths are those of a run's `config.json`. Imports nothing heavy: the command
 """
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import is_dataclass, replace
 from functools import cache
@@ -18,7 +18,7 @@ from salpchain.given import instance, told
 from salpchain.networks.config import SINGLE_LENGTH, ControlConfig
 from salpchain.ranges import Range, as_range
 from salpchain.tasks.config import TaskConfig
-from salpchain.tasks.registry import config_class, configured, name_of
+from salpchain.tasks.registry import TASKS, config_class, configured, name_of
 from salpchain.training.config import CUSTOM, TrainConfig
 from salpchain.training.presets import PRESETS, many_lengths
 from salpchain.world.config import WorldConfig
@@ -73,10 +73,23 @@ def check_path(path: str, task: str = TaskConfig.name) -> None:
     within = [known for known in known_paths if known.startswith(f"{path}.")]
     if within:
         raise InputError(f"{path} has several settings: {', '.join(within)}")
-    last = {known.rpartition(".")[2]: known for known in known_paths}  # prefixes are not near
-    near = difflib.get_close_matches(path.rpartition(".")[2].lower(), last, n=1)
-    said = f"perhaps {last[near[0]]}" if near else "docs/settings.md lists all that there are"
+    others = [other for other in TASKS if other != task and path in settings_of(other)]
+    if others:
+        raise InputError(f"{path} is a setting of the task {' or '.join(others)}, not of {task}")
+    near = _nearest(path, known_paths)
+    said = f"perhaps {near}" if near else "docs/settings.md lists all that there are"
     raise InputError(f"unknown setting {path!r}: {said}")
+
+
+def _nearest(path: str, paths: Iterable[str]) -> str:
+    """The path whose last part is most like that of this one, in the same table if there is one, or
+    the same in another; empty if none is."""
+    table, _, name = path.lower().rpartition(".")
+    last = {known.rpartition(".")[2]: known for known in paths}  # prefixes are not near
+    top = f"{table.partition('.')[0]}." if table else ""
+    within = {end: known for end, known in last.items() if known.startswith(top)} or last
+    near = difflib.get_close_matches(name, within, n=1)
+    return within[near[0]] if near else last.get(name, "")
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import salpchain
-from salpchain.controllers.caravan import WAIT, Caravan, _stage
+from salpchain.controllers.caravan import BERTH, LEGS, WAIT, Caravan, _hold, _stage
 from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
 from salpchain.evaluation.trials import run_trials
@@ -58,6 +58,25 @@ def test_one_piece_leaves_first_and_the_others_wait_where_they_are():
     rank = np.asarray(convoy.route.rank)
     cut = np.flatnonzero(~joined)
     assert len(cut) == 1 and {rank[cut[0]], rank[cut[0] + 1]} == {0, 1}
+
+
+@pytest.mark.parametrize(("length", "way"), [(8, 42), (32, 112)])
+def test_a_joint_waits_longer_for_a_longer_last_way(length, way):
+    """Of 0.255 m and 0.675 m at 6 cm/s; it closes from afar no sooner than 6 s beyond that."""
+    env = make_task(DockConfig(length, action="grip"))
+    state = jax.jit(env.reset)(jr.key(5))
+    caravan = Caravan()
+    convoy = jax.jit(lambda now: caravan.begin(now))(state)
+    there = jnp.full(length, BERTH * LEGS)
+    holds = [
+        bool(
+            _hold(state, convoy._replace(progress=there, clock=jnp.full(length, clock)))[
+                length // 2 - 1
+            ]
+        )
+        for clock in (way, way + 59, way + 62)
+    ]
+    assert holds == [False, False, True]
 
 
 def test_elsewhere_it_is_the_policy_below_it():

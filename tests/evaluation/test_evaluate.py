@@ -90,6 +90,20 @@ def test_the_table_shows_both_with_intervals(evaluation):
     assert "greedy" not in console.export_text()
 
 
+def test_however_many_measures_a_task_has_each_is_whole_in_80_columns(evaluation):
+    names = [f"measure_number_{k}" for k in range(12)]
+    wide = {"mean": 0.01234, "low": 0.01123, "high": 0.01345}
+    rows = [{**row, **dict.fromkeys(names, wide)} for row in evaluation[0]["lengths"]]
+    summary = {**evaluation[0], "lengths": rows, "measures": names, "baseline": {"lengths": rows}}
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(table(summary))
+    lines = [line.split() for line in console.export_text().splitlines()]
+    whole = ["0.0123", "[0.0112,", "0.0135]"]
+    for k in range(12):
+        assert lines.count(["measure", "number", str(k), *whole, *whole]) == len(LENGTHS)
+    assert lines[4][:5] == ["4", "success", "0.4", "[0.118,", "0.769]"]
+
+
 def test_a_second_table_shows_what_makes_trials_hard(evaluation):
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(difficulty_table(evaluation[0]))

@@ -142,6 +142,9 @@ CONFIGS_THRUST = {
     ("kind", "bad", "said"),
     [
         (PassageConfig, {"opening": 0.0}, "opening must be a number, above 0 to 5, got 0.0"),
+        (PassageConfig, {"walls": (1.0, 2.0, 3.0)}, "walls must be x,y,x,y of the ends of each"),
+        (PassageConfig, {"walls": (1.0,) * 4}, "walls must have their two ends apart, wall 0 has"),
+        (PassageConfig, {"walls": (1.0, 0.0, 2.0, 0.0) * 17}, "walls must be 16 or fewer, got 17"),
         (PassageConfig, {"way": "hole"}, "unknown way 'hole': choose one of wall, two"),
         (DockConfig, {"apart": 0.0}, "apart must be a number, 0.1 to 10 m, got 0.0"),
         (DockConfig, {"capture": 0.5}, "capture must be a number, 0.001 to 0.2, got 0.5"),
@@ -158,6 +161,54 @@ def test_an_opening_that_no_unit_fits_is_refused_before_anything_runs(tmp_path, 
     assert run([*asked, "--lengths", "8", "--trials", "1", "--out", str(tmp_path / "no")]) == 2
     said = capsys.readouterr().err
     assert "opening 0.05 of 8 units is 2.8 cm: no unit fits" in said and said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("wall", "what"),
+    [
+        ("-1,-5,-1,5", "start"),
+        ("-0.9,0.1,-0.8,0.1", "start"),
+        ("-3,0.6,-0.2,-0.6", "start"),
+        ("1,0,1.5,0", "arrive"),
+        ("0.2,0.59,2,0.59", "arrive"),
+    ],
+)
+def test_a_wall_across_start_or_target_is_refused_before_anything_runs(
+    wall, what, tmp_path, capsys
+):
+    asked = ["evaluate", "caravan", "--task", "passage", "--set", f"task.walls={wall}"]
+    assert run([*asked, "--lengths", "8", "--trials", "1", "--out", str(tmp_path / "no")]) == 2
+    said = capsys.readouterr().err
+    assert f"walls must be clear of where chains of 8 units {what}, x from" in said
+    assert said.count("\n") == 1 and not (tmp_path / "no").exists()
+
+
+@pytest.mark.parametrize(
+    "wall", [(-1.0, 0.7, -0.5, 0.7), (-0.3, -9.0, -0.3, 9.0), (0.0, -1.0, 0.0, 1.0)]
+)
+def test_walls_of_ones_own_stand_beside_those_of_the_passage(wall):
+    config = PassageConfig(6, opening=0.5, walls=wall)
+    config.check_possible(6)
+    env = make_task(config)
+    obstacles = env.world_of(jax.jit(env.reset)(jr.key(3))).obstacles
+    assert obstacles is not None
+    assert obstacles.walls.present.tolist() == [True] * 3
+    np.testing.assert_allclose(obstacles.walls.ends[2].ravel(), wall)
+
+
+def test_what_begins_across_a_wall_of_the_passage_is_refused():
+    env = make_task(PassageConfig(6, opening=0.5))
+    state = env.reset(jr.key(3))
+    across = eqx.tree_at(
+        lambda c: (c.units.position, c.links.position),
+        state.chain,
+        (state.chain.units.position + jnp.array([0.0, 1.0]) - state.chain.units.position[2],
+         state.chain.links.position + jnp.array([0.0, 1.0]) - state.chain.units.position[2]),
+    )  # fmt: skip
+    with pytest.raises(InputError, match="wall 1 covers unit 2 at the start"):
+        env.start(across, state.target, jr.key(0))
+    with pytest.raises(InputError, match="a wall covers the target"):
+        env.start(state.chain, across.units.position, jr.key(0))
 
 
 def test_walls_of_ones_own_are_refused_in_a_passage():

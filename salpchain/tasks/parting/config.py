@@ -7,9 +7,15 @@ from salpchain.errors import InputError
 from salpchain.given import told
 from salpchain.physics.sizes import LINK_LENGTH, UNIT_WIDTH
 from salpchain.tasks.config import TaskConfig, step_limit
+from salpchain.tasks.parting.walls import Zone, check_free, each_wall
 
 PATIENCE = 4  # times the time limit of `reach`, for ways that are gone one after another (chosen)
 AUTHORS = 1.2  # chain lengths, the opening in the passage of the paper's authors
+THICK = 0.04  # m, of a wall (chosen; as world.placement's)
+TUNNEL = 0.5  # m, its length (the issue's)
+CLEAR = 0.35  # m, from start and target to the wall beyond a chain's length (chosen)
+FARTHEST = 1.3  # chain lengths, from the wall to the middle of start and target, beyond that
+TURN = 0.2  # m, between the walls of a winding way, beyond an opening; half as much aside (chosen)
 WAYS = {
     "wall": "one opening in a thin wall",
     "two": "two openings in a thin wall",
@@ -72,12 +78,14 @@ class PassageConfig(PartingConfig):
     name: str = "passage"
     opening: float = 0.25  # chain lengths
     way: str = "wall"  # another of `WAYS`; blocks has the authors' opening whatever is asked
+    walls: tuple[float, ...] = ()  # m, x, y, x, y of the ends of each further wall
 
     def __post_init__(self) -> None:
         super().__post_init__()
         one_of("way", self.way, WAYS)
         if not (is_number(self.opening) and 0 < self.opening <= 5):
             raise InputError(f"opening must be a number, above 0 to 5, got {told(self.opening)}")
+        each_wall(self.walls)
 
     @property
     def free(self) -> float:
@@ -85,7 +93,8 @@ class PassageConfig(PartingConfig):
         return AUTHORS if self.way == "blocks" else self.opening
 
     def check_possible(self, length: int) -> None:
-        """Raise InputError unless one unit fits the opening for chains of this length."""
+        """Raise InputError unless one unit fits the opening for chains of this length, and no wall
+        of `walls` stands where they start or arrive."""
         width = self.free * length * LINK_LENGTH
         if width < UNIT_WIDTH:
             least = UNIT_WIDTH / (length * LINK_LENGTH)
@@ -93,6 +102,21 @@ class PassageConfig(PartingConfig):
                 f"opening {self.free:g} of {length} units is {100 * width:.1f} cm: no unit fits, at"
                 f" {100 * UNIT_WIDTH:g} cm; it must be {least:.3f} or more"
             )
+        for zone, what in zip(self._zones(length), ("start", "arrive"), strict=True):
+            reach = (THICK + LINK_LENGTH) / 2
+            check_free(self.walls, zone, reach, f"chains of {length} units {what}")
+
+    def _zones(self, length: int) -> tuple[Zone, Zone]:
+        """Where units of chains of this length may be at first, and in the target pose."""
+        extent = length * LINK_LENGTH
+        depth, aside = {"tunnel": TUNNEL, "blocks": extent}.get(self.way, THICK), 0.0
+        if self.way == "winding":
+            width = self.opening * extent
+            depth, aside = width + TURN + 2 * THICK, width + TURN / 2
+        near = depth / 2 + CLEAR + extent / 2
+        far = depth / 2 + CLEAR + extent * (FARTHEST + 0.5)
+        start = Zone((-far, -extent), (-near, extent))
+        return start, Zone((near, aside - extent), (far, aside + extent))
 
 
 @dataclass(frozen=True)

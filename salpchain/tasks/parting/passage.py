@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Float, PRNGKeyArray
@@ -11,14 +12,13 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from salpchain.errors import InputError
 from salpchain.physics.obstacles import Obstacles, Posts, Walls
 from salpchain.physics.state import Chain, Physics, at_rest
-from salpchain.tasks.parting.config import PassageConfig
+from salpchain.switches import standard_promotion
+from salpchain.tasks.checks import checked_clear
+from salpchain.tasks.parting.config import CLEAR, FARTHEST, THICK, TUNNEL, TURN, PassageConfig
 from salpchain.tasks.parting.course import Course, Parting, gentle_pose
 from salpchain.tasks.state import Start, State
 from salpchain.world.world import World
 
-THICK = 0.04  # m, of a wall (chosen; as world.placement's)
-TUNNEL = 0.5  # m, its length (the issue's)
-CLEAR = 0.35  # m, from start and target to the wall beyond a chain's length (chosen)
 REACH = 6.0  # chain lengths that a wall goes on to either side (chosen): longer than any way round
 
 
@@ -39,7 +39,7 @@ class Plan(NamedTuple):
 class Passage(Parting):
     """The wall is the y axis; the chain starts left of it in any direction, the pose is right.
 
-    The world is the walls of the passage alone.
+    The world is the walls of the passage, and those of `config.walls`.
     """
 
     config: PassageConfig = eqx.field(default_factory=PassageConfig, static=True)
@@ -60,7 +60,7 @@ class Passage(Parting):
         chance = jr.uniform(draw_key, (10,))
         slots, link = self.config.length, physics.link_length
         extent, plan = length * link, self._plan(length, link)
-        far = extent * (1 + 0.3 * chance[:2]) + plan.depth / 2 + CLEAR
+        far = extent * (1 + (FARTHEST - 1) * chance[:2]) + plan.depth / 2 + CLEAR
         aside = extent * (chance[2:4] - 0.5)
         ways = plan.lanes[:, :, 1].mean(axis=0)
         angle = 2 * jnp.pi * chance[4]
@@ -77,7 +77,11 @@ class Passage(Parting):
     def _plan(self, length: int | Array, link: Array | float) -> Plan:
         """The walls for a chain of this length."""
         extent = jnp.asarray(length * link, float)
-        return passage(self.config.way, self.config.free * extent, extent)
+        plan = passage(self.config.way, self.config.free * extent, extent)
+        more = jnp.asarray(self.config.walls, float).reshape(-1, 2, 2)
+        width, there = jnp.full(len(more), THICK), jnp.ones(len(more), bool)
+        both = jax.tree.map(lambda *x: jnp.concatenate(x), plan.walls, Walls(more, width, there))
+        return plan._replace(walls=both)
 
     def _start(
         self, chain: Chain, target: Array, key: PRNGKeyArray, world: World, plan: Any
@@ -88,6 +92,28 @@ class Passage(Parting):
         if world.drawn_from is not None:
             world = replace(world, drawn_from=None)
         return super()._start(chain, target, key, replace(world, obstacles=around), plan)
+
+    @standard_promotion
+    def start(self, chain: Chain, target: Float[Array, "unit 2"], key: PRNGKeyArray) -> State:
+        """As `Task.start`, clear of the passage's walls.
+
+        Raises:
+            InputError: as `Task.start`; outside `jax.jit`, a wall in the way of the chain or of the
+                target.
+        """
+        state = super().start(chain, target, key)
+        world = self.world_of(state)
+        there = eqx.tree_at(
+            lambda s: (s.chain.units.position, s.chain.linked),
+            state,
+            (state.target, jnp.zeros_like(state.chain.linked)),
+        )
+        checked_clear(state, world)
+        try:
+            checked_clear(there, world)
+        except InputError:
+            raise InputError("a wall covers the target: move one of them") from None
+        return state
 
     def world_of(self, state: State) -> World:
         """The world of this episode, with its walls."""
@@ -112,7 +138,7 @@ def passage(way: str, width: Array, extent: Array) -> Plan:
         )]  # fmt: skip
         lanes = jnp.stack([_lane(depth, -middle), _lane(depth, middle)])
     elif way == "winding":
-        apart, aside = width + 0.2, width + 0.1
+        apart, aside = width + TURN, width + TURN / 2
         left, right = -(apart + depth) / 2, (apart + depth) / 2
         ends = [
             _wall(left, -end, -width / 2), _wall(left, width / 2, end),
