@@ -22,14 +22,15 @@ from salpchain.physics.state import Chain, Physics, Scalar
 def mean_turn(physics: Physics, steps: int | Array) -> Scalar:
     """Largest mean angle (rad) by which the units of a chain turn from rest in so many steps.
 
-    However it bends: the work that the thrusters do, at most 1 N on each unit, is spent on nothing
-    but spin. With energy E, d sqrt(2 E) / dt <= sqrt(n / m), and n I (mean spin)^2 <= 2 E. Joints
-    and angle constraints store energy and give it back; drag, which takes some, is left out.
+    However it bends: what turns units is the work that thrusters, at most 1 N each, have done on
+    them by moving them, and what has gone into spin moves no unit (docs/bounds.md has the proof).
+    Joints and angle constraints store energy and give it back; drag takes some. Half a substep is
+    added for the engine's order of velocities and places.
     """
     time = steps * physics.control_step
     substep = physics.control_step / physics.substeps
     growth = MOST_THRUST / (physics.unit_mass * physics.unit_inertia) ** 0.5
-    return growth * time * (time + substep) / 2
+    return growth * time * (time + substep) / jnp.pi
 
 
 def fewest_steps_turning(

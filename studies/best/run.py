@@ -7,10 +7,10 @@ is found is written after it, so that it may be stopped at any time: the same co
 FOLDER holds the solutions (default: those that come with the package). Begin it with `nice -n 10`.
 
 A length of which nothing is known begins with the swims of any-length. After that, each attempt
-takes the thrusts that are known, squeezes them into fewer steps, shakes them, and descends the
-distance at the last step along its gradient through the engine; every start has a horizon of its
-own, which gets shorter after a success and nearer to what is known after a failure. The horizon
-never gets below what physics allows (`limits.fewest_steps`).
+takes the thrusts that are known, squeezes them into fewer steps, shakes them, and brings the units
+to their target points at the last step (`descent.sooner`). Every start has a horizon of its own,
+which gets shorter after a success and nearer to what is known after a failure, and never below what
+physics allows (`turning.fewest_steps_turning`).
 """
 
 import sys
@@ -36,18 +36,18 @@ from salpchain.evaluation.best.play import MARGIN, SLOTS, Place, poses, replay
 from salpchain.evaluation.best.solutions import QUANTA, Found, Solution, path_of, quantised
 from salpchain.evaluation.best.starts import LENGTHS, STARTS
 from salpchain.evaluation.best.table import bounds, save_reference
-from salpchain.physics.chain import step
-from salpchain.physics.state import Chain, Physics
+from salpchain.physics.state import Chain
 from salpchain.tasks.config import GOAL_LIMIT, step_limit
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 from studies import program
+from studies.best.descent import problem, sooner
 
 POLICY = "any-length"
 WHO = "salpchain"
-BLOCK = 25  # gradient steps between two looks (chosen)
-BLOCKS = 8  # of an attempt, at most (chosen)
-RATE = 0.1  # N, of the first gradient steps (chosen)
+HOW = "Gauss-Newton steps through the engine, from any-length"
+LOOKS, BETWEEN = 3, 4  # at what an attempt has found, and steps between two (chosen)
+TRUST = 0.3  # N, by which the first step changes thrusts at most (chosen)
 SHORTER = (0.01, 0.08)  # least and first share of the steps to be saved (chosen)
 NOISE = (0.0, 0.0, 0.1, 0.3)  # N, of which an attempt takes one (chosen)
 ROOM = 16  # control steps by which the room for thrusts grows (chosen)
@@ -114,38 +114,6 @@ def take(
     return better
 
 
-def left(chain: Chain, target: Array, thrusts: Array, horizon: Array) -> Array:
-    """Distance to the target (m) at the horizon: of the units' a mean that counts the farthest."""
-
-    def advance(now: tuple[Chain, Array, Array], thrust: Array) -> tuple[Any, None]:
-        chain, time, distance = now
-        chain, time = step(chain, thrust, Physics(), contact=False), time + 1
-        square = jnp.sum((chain.units.position - target) ** 2, axis=-1)
-        far = (jnp.where(chain.present, square**4, 0.0).sum() / chain.present.sum()) ** (1 / 8)
-        return (chain, time, jnp.where(time == horizon, far, distance)), None
-
-    first = chain, jnp.int32(0), jnp.zeros(())
-    return jax.lax.scan(jax.checkpoint(advance), first, thrusts)[0][2]
-
-
-@jax.jit
-def descend(chains: Chain, targets: Array, thrusts: Array, horizons: Array, rates: Array) -> Array:
-    """Thrusts after `BLOCK` steps of Adam, with one step size for all thrusts of a swim."""
-    slope = jax.vmap(jax.grad(left, argnums=2))
-
-    def improve(now: tuple[Array, Array, Array], count: Array) -> tuple[Any, None]:
-        thrusts, mean, square = now
-        along = slope(chains, targets, thrusts, horizons)
-        mean = 0.9 * mean + 0.1 * along
-        square = 0.95 * square + 0.05 * jnp.mean(along**2, axis=(1, 2), keepdims=True)
-        size = jnp.sqrt(square / (1 - 0.95**count)) + 1e-8
-        change = rates[:, None, None] * mean / (1 - 0.9**count) / size
-        return (jnp.clip(thrusts - change, -1.0, 1.0), mean, square), None
-
-    first = thrusts, jnp.zeros_like(thrusts), jnp.zeros((len(thrusts), 1, 1))
-    return jax.lax.scan(improve, first, jnp.arange(1, BLOCK + 1))[0][0]
-
-
 def squeezed(thrusts: np.ndarray, steps: int) -> np.ndarray:
     """The thrusts in fewer control steps."""
     at = np.linspace(0, len(thrusts) - 1, steps)
@@ -170,19 +138,19 @@ def attempt(
     room = int(-(-np.quantile(steps, 0.95) // ROOM) * ROOM)
     horizons = np.minimum(np.floor(steps * (1 - shares)), np.minimum(steps - 1, room))
     horizons = np.maximum(horizons, np.minimum(least, room)).astype(int)
-    thrusts = np.zeros((len(places), room, slots), np.float32)
-    for place, one, end in zip(thrusts, known, horizons, strict=True):
+    thrusts = np.zeros((room, slots, len(places)), np.float32)
+    for i, (one, end) in enumerate(zip(known, horizons, strict=True)):
         guess = shaken(squeezed(one.newtons, end), random.choice(NOISE), random)
-        place[:end, : guess.shape[1]] = guess
-    chains, targets = poses(places, slots)
-    pushes, better = jnp.asarray(thrusts), np.zeros(len(places), bool)
-    for block in range(BLOCKS):
-        rate = RATE * max(1 - block / BLOCKS, 0.15)
-        rates = jnp.where(jnp.asarray(better), 0.0, rate)
-        pushes = descend(chains, targets, pushes, jnp.asarray(horizons), rates)
-        every = zip(np.asarray(pushes), horizons, places, strict=True)
+        thrusts[:end, : guess.shape[1], i] = guess
+    task = problem(*poses(places, slots), horizons)
+    pushes, trust = jnp.asarray(thrusts), jnp.full(len(places), TRUST)
+    better = np.zeros(len(places), bool)
+    for _ in range(LOOKS):
+        for _ in range(BETWEEN):
+            pushes, trust, _ = sooner(task, pushes, trust)
+        every = zip(np.moveaxis(np.asarray(pushes), -1, 0), horizons, places, strict=True)
         swims = [one[:end, :length] for one, end, (length, _) in every]
-        better |= take(found, places, swims, "descent along gradients, from any-length")
+        better |= take(found, places, swims, HOW)
     return better
 
 
@@ -210,9 +178,11 @@ def improve(group: tuple[int, ...], rounds: int, folder: Path) -> None:
 def main() -> None:
     """Works through the lengths, some rounds each, as often as asked."""
     lengths, rounds, folder = [*sys.argv[1:], *("", "", "")][:3]
-    chosen = [int(word) for word in lengths.split(",")] if lengths else list(LENGTHS)
-    if not set(chosen) <= set(LENGTHS):
-        raise InputError(f"lengths must be among {LENGTHS}, got {lengths}")
+    chosen = [int(word) for word in lengths.split(",") if word.isdigit()] or list(LENGTHS)
+    if (lengths and lengths != ",".join(map(str, chosen))) or not set(chosen) <= set(LENGTHS):
+        raise InputError(f"LENGTHS must be among {','.join(map(str, LENGTHS))}, got {lengths}")
+    if rounds and not rounds.isdigit():
+        raise InputError(f"ROUNDS must be a whole number, 0 or more, got {rounds}")
     use_devices(1)
     out = Path(folder or starts.FOLDER)
     for slots in SLOTS:
