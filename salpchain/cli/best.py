@@ -125,7 +125,7 @@ def _cell(value: float | None, form: str) -> str:
 
 def _check(known: dict[int, "Found"], in_vmas: bool) -> int:
     """Replays all solutions, prints what came of them; 1 if one misses its target."""
-    judges = [("engine", _in_engine)]
+    judges = [("the engine", _in_engine)]
     if in_vmas:
         from salpchain.interop.best import SLACK
         from salpchain.interop.best import in_vmas as other
@@ -140,7 +140,7 @@ def _check(known: dict[int, "Found"], in_vmas: bool) -> int:
             wrong = judge(length, found)
             missed += len(wrong)
             about = f", missed: {', '.join(map(str, wrong))}" if wrong else ""
-            print(f"{length} units: {len(found) - len(wrong)} of {len(found)} in the {name}{about}")
+            print(f"{length} units: {len(found) - len(wrong)} of {len(found)} in {name}{about}")
     return 1 if missed else 0
 
 
