@@ -50,7 +50,8 @@ PAGES = {
     "Science": {
         "One controller, any length": "docs/any-length.md", "How far it gets, and why": "docs/any-length-results.md",
         "What was tried": "docs/any-length-log.md", "The paper's study": "docs/study.md",
-        "Derivatives": "docs/gradients.md", "All studies": "studies/README.md",
+        "Derivatives": "docs/gradients.md", "Best-known solutions": "docs/best.md",
+        "What physics allows": "docs/bounds.md", "All studies": "studies/README.md",
     } | {f"Study: {name.partition('/')[0]}": f"studies/{name}/report.md" for name in STUDIES},
     "Reference": {
         "Public names": "docs/api.md", "Command line": "cli", "Settings": "docs/settings.md",

@@ -8,7 +8,7 @@ from salpchain.errors import InputError
 from salpchain.given import index, instance, told
 from salpchain.ranges import Range
 
-SHORTEST, LONGEST = 2, 512  # units
+SHORTEST, LONGEST = 2, 1024  # units
 
 
 def is_number(value: object) -> bool:

@@ -54,6 +54,7 @@ SMALL = {
     "evaluate": ["--lengths", "2,4", "--trials", "2"],
     "figure": [],
     "models": [],
+    "best": ["--lengths", "2"],
     "video": ["--length", "2", "--size", "160x90", "--rate", "5"],
     "reproduce": ["--dry-run"],
     "live": None,  # tests/test_wheel.py

@@ -85,7 +85,7 @@ class Train:
     moves), dock, passage or gather (docs/tasks.md), or one of your own, module:Class."""
     world: World = ""
     length: Lengths = ""
-    """Number of units, 2 to 512 (default: 8), or several: each episode's is drawn anew."""
+    """Number of units, 2 to 1024 (default: 8), or several: each episode's is drawn anew."""
     weights: Annotated[str, text_option("X,X,...")] = ""
     """How often an episode has each of several lengths, which must ascend. Default: equally
     often."""

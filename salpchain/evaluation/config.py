@@ -10,7 +10,7 @@ from salpchain.networks.config import SINGLE_LENGTH
 
 TRIALS_FILE = "evaluation.csv"
 SUMMARY_FILE = "evaluation.json"
-SLOTS = (16, 32, 64, 128, 256, LONGEST)  # of compiled programs, which many lengths share (chosen)
+SLOTS = (16, 32, 64, 128, 256, 512, LONGEST)  # of programs, which many lengths share (chosen)
 Lengths = int | str | Iterable[int]  # what a function takes that takes lengths
 MEANT = "a number of units, a list of them, or a text such as 4..16"
 RANGE_HELP = "give lengths as 4..16, 4:64:4 (from:to:step, the end included), 4,8,16 or 8"

@@ -186,7 +186,7 @@ def fewest_steps(
     (m). Turning and bending, which take time too, are not counted: a folded chain turns as fast as
     it likes (`steps_to_turn` has the time that a straight one takes). At most `most`.
     """
-    gap, ahead = _least_way(physics, chain, target, tolerance)
+    gap, ahead = least_way(physics, chain, target, tolerance)
     if means is WHOLE:
         return _first(partial(distance_covered, physics, chain.present.sum()), gap, most)
 
@@ -198,7 +198,7 @@ def fewest_steps(
     return jnp.where(there.any(), 1 + jnp.argmax(there), most).astype(jnp.int32)
 
 
-def _least_way(
+def least_way(
     physics: Physics, chain: Chain, target: Float[Array, "unit 2"], tolerance: float
 ) -> tuple[Float[Array, ""], Float[Array, "2"]]:
     """Shortest way (m) of the centre of mass to where the target may be taken, negative if there,

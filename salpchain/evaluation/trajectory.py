@@ -23,7 +23,7 @@ from salpchain.tasks.config import TIME_LIMITS
 FORMAT = 1
 AROUND = "around"  # the field whose arrays stand beside the others in a file
 PARTED = 0.02  # m, that no joint which holds is open (chosen): full thrust opens one by millimetres
-LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 0.5 GiB)
+LARGEST = 2**31  # bytes that a file may unpack to (chosen; the longest episode takes 1.6 GiB)
 
 Points = np.ndarray  # (time, body, 2)
 Angles = np.ndarray  # (time, body)

@@ -102,6 +102,16 @@ class Scenario(BaseScenario):
         rows = slice(None) if env_index is None else slice(env_index, env_index + 1)
         some, length = len(self._start[rows]), self.config.length
         position, angle = spawn(some, length, self.world.device)
+        self.place(position, angle, target_pose(some, length, self.world.device), rows)
+        if self._worlds is not None:
+            self._worlds.draw(rows)
+
+    def place(
+        self, position: Tensor, angle: Tensor, target: Tensor, rows: slice = slice(None)
+    ) -> None:
+        """New episodes in these environments: chains at the units' positions (env, unit, 2) m, all
+        units at the angle (env,) rad, at the velocities that they have, and targets (env, unit, 2).
+        """
         middle = (position[:, 1:] + position[:, :-1]) / 2
         links: list[Any] = [joint.landmark for joint in self._joints]
         # Straight into the state: VMAS's setters would place every link anew, in all environments.
@@ -109,13 +119,11 @@ class Scenario(BaseScenario):
             for index, entity in enumerate(entities):
                 state: Any = entity.state
                 state.pos[rows], state.rot[rows] = places[:, index], angle[:, None]
-        self._target[rows] = target_pose(some, length, self.world.device)
+        self._target[rows] = target
         now = potentials(self._positions()[rows], self._target[rows])
         self._start[rows] = now[0]
         self._approach[rows], self._fine[rows] = now
         self._goal[rows] = False
-        if self._worlds is not None:
-            self._worlds.draw(rows)
         self._seen = None
 
     def pre_step(self) -> None:

@@ -122,7 +122,7 @@ class Pace(Message):
 class Reset(Message):
     """A new chain and a new target; as long as all chains together if no length is given."""
 
-    length: Annotated[int, Meta(ge=2, le=512)] | None = None
+    length: Annotated[int, Meta(ge=2, le=1024)] | None = None
 
 
 class Record(Message):

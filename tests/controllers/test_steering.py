@@ -101,5 +101,5 @@ def test_what_cannot_be_steered_by_poses_is_refused():
         salpchain.steering(fresh(observation="body*2"), 4)
     with pytest.raises(InputError, match="works at 5 units only, got length 4"):
         salpchain.steering(CONTROLLERS["mlp"], 4)
-    with pytest.raises(InputError, match="2 to 512"):
+    with pytest.raises(InputError, match="2 to 1024"):
         salpchain.steering(salpchain.Greedy(), 1)

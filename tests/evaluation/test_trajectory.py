@@ -78,7 +78,7 @@ BAD = [
     ({"format": None}, "does not state its format"),
     ({"format": 99}, "newer salpchain"),
     ({"length": 5}, "unit_position has shape"),
-    ({"length": 1}, "2 to 512"),
+    ({"length": 1}, "2 to 1024"),
     ({"seed": -1}, "seed must be"),
     ({"trial": -1}, "trial must be"),
     ({"time_limit": "never"}, "choose one of fixed, scaled"),

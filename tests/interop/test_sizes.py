@@ -90,14 +90,14 @@ def test_a_batch_of_none_is_refused(bridge):
 
 @pytest.mark.parametrize("bridge", [gymnasium, brax])
 def test_a_bridge_steps_the_longest_chain(bridge):
-    obs = bridge(1, length=512, contact=False)
-    assert obs.shape == (1, 512, 22) and np.isfinite(obs).all()
+    obs = bridge(1, length=1024, contact=False)
+    assert obs.shape == (1, 1024, 22) and np.isfinite(obs).all()
 
 
 @pytest.mark.parametrize("bridge", [*ALL, pettingzoo])
-@pytest.mark.parametrize("length", [1, 513])
+@pytest.mark.parametrize("length", [1, 1025])
 def test_a_chain_that_is_too_short_or_too_long_is_refused(bridge, length):
-    with pytest.raises(InputError, match="length must be 2 to 512 units"):
+    with pytest.raises(InputError, match="length must be 2 to 1024 units"):
         bridge(1, length=length)
 
 

@@ -182,7 +182,7 @@ def test_what_serves_one_length_only_refuses_several(settings, word):
     [
         (((8, 4),), "ascend"),
         (((4, 4),), "ascend"),
-        (((1, 4),), "2 to 512"),
+        (((1, 4),), "2 to 1024"),
         (((4, 8), (1.0,)), "as many as lengths"),
         (((4, 8), (1.0, 0.0)), "0.000001 to 1000000, got 1.0,0.0"),
         (((4, 8), (1.0, float("nan"))), "finite numbers"),

@@ -187,7 +187,7 @@ BAD = [
     (lambda w: w.flow(1.0, 0.0), "at most 0.3 m/s"),
     (lambda w: w.draw(only(w).name, [(0.0, 0.0), (0.0, 0.001)]), "longer line"),
     (lambda w: w.reset(129), "at most 128"),
-    (lambda w: w.reset(1), "2 to 512"),
+    (lambda w: w.reset(1), "2 to 1024"),
 ]
 
 

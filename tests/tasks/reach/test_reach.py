@@ -138,7 +138,7 @@ def test_renewing_keeps_each_chains_length():
     np.testing.assert_array_equal(env.renew(ended).length, lengths)
 
 
-@pytest.mark.parametrize("length", [2, 512])
+@pytest.mark.parametrize("length", [2, 1024])
 def test_the_shortest_and_the_longest_chain_swim(length):
     env = env_of(length, contact=True, observation="table1", action="pair")
     state = env.reset(jr.key(0))
@@ -147,7 +147,7 @@ def test_the_shortest_and_the_longest_chain_swim(length):
 
 
 @pytest.mark.parametrize("settings", [
-    {"length": 1}, {"length": 513}, {"observation": "sonar"},
+    {"length": 1}, {"length": 1025}, {"observation": "sonar"},
     {"action": "push"}, {"time_limit": "never"}, {"fine_weight": -1.0},
     {"fine_weight": float("inf")}, {"fine_weight": float("nan")}, {"tolerance": 0.0},
     {"most_steps": -1}, {"most_steps": True},

@@ -1,0 +1,1 @@
+"""How good it can be: fixed starts, and for each the swim with the fewest steps that is known."""
