@@ -94,7 +94,7 @@ def _check_apart(options: Best) -> None:
 
 
 def _lengths(text: str) -> list[int]:
-    lengths = list(dict.fromkeys(parse_lengths(text))) if text else list(starts.LENGTHS)
+    lengths: list[int] = list(dict.fromkeys(parse_lengths(text) if text else starts.LENGTHS))
     for length in lengths:
         starts.check_place(length, 0)
     return lengths

@@ -59,7 +59,7 @@ def fewest_steps_straight(
     length = chain.present.sum()
     way, ahead = least_way(physics, chain, target, tolerance)
     steps = jnp.arange(most)
-    turned = jax.vmap(partial(angle_turned, physics, length))(steps)
+    turned = jnp.asarray(jax.vmap(partial(angle_turned, physics, length))(steps))
     begun = _share(_askew(chain.units.angle[0], ahead) - turned)
     chord = jnp.take(target, length - 1, axis=0) - target[0]
     own = (length - 1) * physics.link_length  # m, from end to end

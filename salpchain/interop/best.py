@@ -1,5 +1,7 @@
 """Best-known solutions in the real VMAS: its own physics, its own judge of the goal."""
 
+from typing import Any
+
 import numpy as np
 
 from salpchain.evaluation.best import starts
@@ -31,7 +33,8 @@ def in_vmas(length: int, found: Found, slack: float = SLACK) -> list[int]:
     )
     env.reset()
     poses = some.position[numbers], some.angle[numbers], some.target[numbers]
-    env.scenario.place(*(torch.from_numpy(np.array(pose)) for pose in poses))
+    scenario: Any = env.scenario
+    scenario.place(*(torch.from_numpy(np.array(pose)) for pose in poses))
     lasts = np.array([found[number].steps for number in numbers])
     thrusts = np.zeros((lasts.max(), len(numbers), length), np.float32)
     for i, number in enumerate(numbers):
