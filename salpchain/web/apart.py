@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from salpchain.controllers.policy import Controller, Planner
 from salpchain.physics.docking import dockable
+from salpchain.physics.sizes import LINK_LENGTH
 from salpchain.physics.state import Chain, Physics, at_rest, heading
 from salpchain.tasks.actions import gripped
 from salpchain.tasks.config import TaskConfig
@@ -19,6 +20,7 @@ from salpchain.tasks.reach.reward import reached
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 
+SHARPEST = 0.4  # rad, from link to link, of a pose in which pieces join; sharper is out of reach
 SETTLED = 10  # control steps for which a target stays before the way to it is planned (chosen)
 
 
@@ -29,7 +31,8 @@ class Trip(NamedTuple):
     rest: Any  # (gap, 2) rad
     slack: Any  # (gap,) m, of joints that are closing
     twist: Any  # (gap,) rad
-    goal: Any  # (slot, 2) m, the target when the way was planned
+    target: Any  # (slot, 2) m, when the way was planned
+    goal: Any  # (slot, 2) m, where the pieces join
     lane: Any  # (1, 2, 2) m, before the opening and behind it
     width: Any  # () m, of the opening
     begins: Any  # () whether nothing is planned yet
@@ -56,6 +59,7 @@ def empty(controller: Controller, slots: int) -> Trip:
         rest=np.zeros((gap, 2), f),
         slack=np.zeros(gap, f),
         twist=np.zeros(gap, f),
+        target=np.zeros((slots, 2), f),
         goal=np.zeros((slots, 2), f),
         lane=np.array([[[-1.0, 0.0], [1.0, 0.0]]], f),
         width=np.ones((), f),
@@ -71,13 +75,26 @@ def empty(controller: Controller, slots: int) -> Trip:
     return trip._replace(memory=jax.tree.map(lambda x: np.zeros(x.shape, x.dtype), memory))
 
 
+def joinable(target: Float[np.ndarray, "unit 2"]) -> Float[np.ndarray, "unit 2"]:
+    """The target pose (m), or a line in its place where it bends too sharply for pieces to join."""
+    steps = np.diff(target, axis=0)
+    turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    if np.abs(turns).max(initial=0.0) <= SHARPEST:
+        return target
+    along = target[-1] - target[0]
+    along = along if np.hypot(*along) > LINK_LENGTH else steps[len(steps) // 2]
+    place = LINK_LENGTH * (np.arange(len(target)) - (len(target) - 1) / 2)
+    return target.mean(axis=0) + place[:, None] * along / np.hypot(*along)
+
+
 def set_out(
-    controller: Controller, slots: int, rest: Any, goal: Any, lane: Any, width: Any
+    controller: Controller, slots: int, rest: Any, target: Any, lane: Any, width: Any
 ) -> Trip:
-    """The trip of a chain with these rest angles (rad), to a goal by a lane (m)."""
+    """The trip of a chain with these rest angles (rad), to a target by a lane (m)."""
     trip = empty(controller, slots)
     trip.rest[: len(rest)], trip.linked[: len(rest)] = rest, True
-    trip.goal[: len(goal)], trip.lane[0], trip.width[()] = goal, lane, width
+    trip.target[: len(target)], trip.goal[: len(target)] = target, joinable(target)
+    trip.lane[0], trip.width[()] = lane, width
     return trip
 
 

@@ -204,7 +204,7 @@ class World:
             trip = one.trip
             if trip is None or one.is_apart:
                 continue
-            moved = not np.array_equal(trip.goal[: one.length], one.target.astype(np.float32))
+            moved = not np.array_equal(trip.target[: one.length], one.target.astype(np.float32))
             if trip.there or moved or not plans:
                 self._change(one.name, lambda one: replace(one, trip=None))
         one, gate = self.swimmers[0], self.tank.drawn.gate

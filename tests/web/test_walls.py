@@ -108,11 +108,14 @@ def test_there_are_so_many_walls_at_most_and_one_gate(world):
 
 
 def test_the_way_leads_through_the_opening_only_where_the_wall_is_crossed():
-    gate, (left, right) = Gate((0.0, -1.0), (0.0, 1.0), 0.4), np.array([[-2.0, 0.5], [2.0, 0.3]])
-    np.testing.assert_allclose(gate.lane(left, right), [[-0.02, 0], [0.02, 0]], atol=1e-9)
-    np.testing.assert_allclose(gate.lane(right, left), [[0.02, 0], [-0.02, 0]], atol=1e-9)
-    assert gate.lane(left, left + [0.5, 0]) is None
-    assert gate.lane(left + [0, 2], right + [0, 2]) is None  # past its end
+    gate, up = Gate((0.0, -1.0), (0.0, 1.0), 0.4), np.array([0.0, 2.0])
+    left, right = np.array([[-2.0, 0.5], [2.0, 0.3]])
+    for start, goal, first in ((left, right, -0.02), (right, left, 0.02)):
+        lane = gate.lane(start, goal)
+        assert lane is not None
+        np.testing.assert_allclose(lane, [[first, 0], [-first, 0]], atol=1e-9)
+    assert gate.lane(left, left / 2) is None
+    assert gate.lane(left + up, right + up) is None  # past its end
 
 
 @pytest.fixture
@@ -150,6 +153,16 @@ def test_a_chain_takes_itself_apart_to_pass_an_opening_and_joins_again(parted):
     assert parted.swimmers[0].units[:, 0].max() < -0.7 and len(POOL._compiled) == programs
 
 
+def test_pieces_join_in_a_line_where_the_pose_is_too_sharp_and_then_take_it(world):
+    """A hook that bends by 50 degrees where the chain is cut."""
+    turns = np.radians([90, 90, 140])
+    hook = np.vstack([[0, 0], np.cumsum(LINK * np.stack([np.cos(turns), np.sin(turns)], 1), 0)])
+    world.draw(1, [tuple(point) for point in hook + np.array([0.8, 0.0])])
+    world.build((0.0, -2.0), (0.0, 2.0), NARROWEST)
+    done, cut = swim(world, Caravan(), lambda one: one.reached)
+    assert done and cut == 1 and world.swimmers[0].trip is None
+
+
 def test_edits_of_a_chain_that_is_apart_wait(parted):
     before = parted.swimmers
     edits = [
@@ -181,30 +194,30 @@ def test_without_a_wall_to_cross_the_policy_below_steers(world):
 
 @pytest.mark.slow
 def test_a_gate_is_drawn_on_the_page_and_passed():
-    with open_browser() as browser, live_server("caravan", "--seed", "4") as (address, _):
-        with watched(browser, address) as page:
-            until(page, "live.connected && live.policy && !live.loading", patience=120)
-            assert page.input_value("#policy") == "caravan"
-            page.evaluate("live.send('reset', {length: 4}); live.send('pause', {on: true})")
-            until(page, "live.chains[0].units.length === 4")
-            page.evaluate("live.send('place', {chain: live.chains[0].name, x: 1.6, y: 0, turn: 0})")
-            until(page, "Math.abs(Tools.middle(live.chains[0].target)[0] - 1.6) < 0.01")
-            page.wait_for_timeout(500)
-            page.click("[data-tool=gate]")
-            box = page.locator("#water").bounding_box()
-            ends = [page.evaluate(f"live.camera.toScreen(0.8, {y})") for y in (-0.5, 0.5)]
-            page.mouse.move(box["x"] + ends[0][0], box["y"] + ends[0][1])
-            page.mouse.down()
-            page.mouse.move(box["x"] + ends[1][0], box["y"] + ends[1][1], steps=5)
-            page.mouse.up()
-            until(page, "live.around.walls?.length === 2", patience=240)
-            page.evaluate("live.send('pause', {on: false}); live.send('pace', {speed: 4})")
-            until(page, "live.chains[0].units.some((unit) => unit[5])", patience=60)
-            until(page, "live.chains[0].reached && live.chains.length === 1", patience=120)
-            assert page.evaluate("live.chains[0].units.every((unit) => unit[0] > 0.8 && !unit[5])")
-            page.click("#unwall")
-            until(page, "!live.around.walls?.length")
-            page.keyboard.press("w")
-            until(page, "live.around.walls?.length === 2")
-            page.keyboard.press("Shift+W")
-            until(page, "!live.around.walls?.length")
+    server = live_server("caravan", "--seed", "4")
+    with open_browser() as browser, server as (address, _), watched(browser, address) as page:
+        until(page, "live.connected && live.policy && !live.loading", patience=120)
+        assert page.input_value("#policy") == "caravan"
+        page.evaluate("live.send('reset', {length: 4}); live.send('pause', {on: true})")
+        until(page, "live.chains[0].units.length === 4")
+        page.evaluate("live.send('place', {chain: live.chains[0].name, x: 1.6, y: 0, turn: 0})")
+        until(page, "Math.abs(Tools.middle(live.chains[0].target)[0] - 1.6) < 0.01")
+        page.wait_for_timeout(500)
+        page.click("[data-tool=gate]")
+        box = page.locator("#water").bounding_box()
+        ends = [page.evaluate(f"live.camera.toScreen(0.8, {y})") for y in (-0.5, 0.5)]
+        page.mouse.move(box["x"] + ends[0][0], box["y"] + ends[0][1])
+        page.mouse.down()
+        page.mouse.move(box["x"] + ends[1][0], box["y"] + ends[1][1], steps=5)
+        page.mouse.up()
+        until(page, "live.around.walls?.length === 2", patience=240)
+        page.evaluate("live.send('pause', {on: false}); live.send('pace', {speed: 4})")
+        until(page, "live.chains[0].units.some((unit) => unit[5])", patience=60)
+        until(page, "live.chains[0].reached && live.chains.length === 1", patience=120)
+        assert page.evaluate("live.chains[0].units.every((unit) => unit[0] > 0.8 && !unit[5])")
+        page.click("#unwall")
+        until(page, "!live.around.walls?.length")
+        page.keyboard.press("w")
+        until(page, "live.around.walls?.length === 2")
+        page.keyboard.press("Shift+W")
+        until(page, "!live.around.walls?.length")
