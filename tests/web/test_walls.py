@@ -159,8 +159,8 @@ def test_pieces_join_in_a_line_where_the_pose_is_too_sharp_and_then_take_it(worl
     hook = np.vstack([[0, 0], np.cumsum(LINK * np.stack([np.cos(turns), np.sin(turns)], 1), 0)])
     world.draw(1, [tuple(point) for point in hook + np.array([0.8, 0.0])])
     world.build((0.0, -2.0), (0.0, 2.0), NARROWEST)
-    done, cut = swim(world, Caravan(), lambda one: one.reached)
-    assert done and cut == 1 and world.swimmers[0].trip is None
+    done, cut = swim(world, Caravan(), lambda one: one.reached and one.trip is None)
+    assert done and cut == 1
 
 
 def test_edits_of_a_chain_that_is_apart_wait(parted):
