@@ -38,7 +38,7 @@ WRITTEN = {
         "salpchain.controllers.caravan",
         "Caravan",
         "parts to pass, joins again; above a policy",
-        False,
+        True,
     ),
 }
 

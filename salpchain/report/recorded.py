@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from salpchain.evaluation.surroundings import Surroundings
-from salpchain.report.replay import Scale, filled, packed_motion, packed_surroundings
+from salpchain.report.replay import Scale, filled, packed_cuts, packed_motion, packed_surroundings
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,7 @@ class Part:
     distance: Float[np.ndarray, " time"]  # m, mean, to the target of that time
     reached: Bool[np.ndarray, " time"]
     targets: Sequence[tuple[int, Float[np.ndarray, "unit 2"]]]  # m, from which step of the part on
+    parted: Bool[np.ndarray, "time link"]  # links that a planner has cut
 
     @property
     def end(self) -> int:
@@ -89,6 +90,7 @@ def packed_part(part: Part, dt: float) -> dict[str, Any]:
         "off": np.flatnonzero(~part.works).tolist(),
         "targets": [[step, scale.numbers(target)] for step, target in part.targets],
         "reached": base64.b64encode(part.reached.astype(np.uint8).tobytes()).decode(),
+        **packed_cuts(part.parted),
         **scale.packed(),
         **packed_motion(scale, part.position, part.angle, part.thrust, part.distance),
     }

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool
 
 from salpchain import given
 from salpchain.errors import InputError
@@ -107,7 +108,7 @@ def packed(swim: Trajectory) -> dict[str, Any]:
         **({} if swim.unit_size == UNIT else {"unit": swim.unit_size}),
         **packed_hinges(swim),
         **packed_surroundings(swim.around, swim.length),
-        **packed_cuts(swim),
+        **packed_cuts(swim.parted),
         **scale.packed(),
         **packed_motion(scale, swim.unit_position, swim.unit_angle, swim.thrust, swim.distance),
     }
@@ -141,9 +142,9 @@ def packed_hinges(swim: Trajectory) -> dict[str, Any]:
     return {"link": swim.link_length, "mounts": np.round(swim.mounts, 5).tolist()}
 
 
-def packed_cuts(swim: Trajectory) -> dict[str, Any]:
+def packed_cuts(parted: Bool[np.ndarray, "time link"]) -> dict[str, Any]:
     """From and until which step links are cut, as (link, first, last); nothing of whole chains."""
-    edges = np.diff(swim.parted.astype(int), axis=0, prepend=0, append=0)
+    edges = np.diff(parted.astype(int), axis=0, prepend=0, append=0)
     cuts = [
         [link, int(first), int(last) - 1]
         for link, column in enumerate(edges.T)

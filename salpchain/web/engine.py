@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,17 @@ from salpchain.evaluation.suites import GRADES
 from salpchain.evaluation.surroundings import Surroundings
 from salpchain.physics.state import Physics
 from salpchain.report.recorded import Recording
-from salpchain.web import messages
+from salpchain.web import apart, messages
 from salpchain.web.fleet import SPARE, Fleet
 from salpchain.web.pool import SLOTS, Pool, slots_for
 from salpchain.web.recorder import LONGEST, MOST_PARTS, Recordings
 from salpchain.web.swimmer import LINK, Swimmer
 from salpchain.web.troubles import TROUBLES, check_troubles
+from salpchain.web.walls import NARROWEST, THICK
 from salpchain.web.world import World
 from salpchain.world.config import WorldConfig
 from salpchain.world.presets import label
+from salpchain.world.world import World as TankWorld
 
 STEP = 0.1  # s of swimming in a control step
 IDLE = 0.5  # s between looks while nobody watches (chosen)
@@ -51,7 +54,7 @@ class Engine:
         self.pool, self.recordings = Pool(), Recordings(STEP, label(self.world.config))
         self.paused, self.speed, self.watched = False, 1.0, 0
         self.policy, self.loading = fleet.first, fleet.first
-        self.roughening = False  # the program of rough water is being compiled
+        self.roughening = False  # the program of rough water, or of walls, is being compiled
         self.took = 0.0  # s, of the last step
         self._controller: Controller | None = None
         self._tasks: set[asyncio.Task] = set()
@@ -135,6 +138,7 @@ class Engine:
             policies=self.fleet.names,
             step=STEP,
             most=SLOTS[-1],
+            wall={"width": THICK, "opening": NARROWEST},
             world=label(self.world.config),
             troubles=TROUBLES,
             grades=GRADES,
@@ -180,7 +184,7 @@ class Engine:
         if self.loading:
             raise InputError(f"{self.loading} is being loaded: wait a moment")
         if self.roughening:
-            raise InputError("rough water is being made: wait a moment")
+            raise InputError("other water is being made: wait a moment")
 
     def trouble(self, names: list[str], grade: str) -> None:
         """Puts the chains in troubles, as soon as the program for them is compiled."""
@@ -188,19 +192,37 @@ class Engine:
         self._check_idle()
         if self._controller is None:
             raise InputError("the policy is being loaded: wait a moment")
-        if self.world.tank.is_rough:
-            self.world.pour(meant, grade)
+        one = self.world.swimmers[0]
+        ready, pour = self.world.tank.is_rough, partial(self.world.pour, meant, grade)
+        self._change_water(ready, partial(self.world.tank.rough_world, one), pour)
+
+    def build(self, edit: Callable[[], None]) -> None:
+        """Stands a wall or takes some away, as soon as the program for walls is compiled."""
+        self._check_idle()
+        tank = self.world.tank
+        self._change_water(tank.is_walled, tank.walled_world, edit)
+
+    def _change_water(
+        self, ready: bool, make: Callable[[], TankWorld], edit: Callable[[], None]
+    ) -> None:
+        """Carries out an edit of the water, at once if the program for such a world is ready."""
+        if self._controller is None:
+            raise InputError("the policy is being loaded: wait a moment")
+        if ready:
+            edit()
             return
         self.roughening = True
-        self._start(self._roughen(meant, grade, self._controller))
+        self._start(self._roughen(make, edit, self._controller))
 
-    async def _roughen(self, names: frozenset[str], grade: str, controller: Controller) -> None:
-        """The first troubles: from then on, what swims is another program."""
+    async def _roughen(
+        self, make: Callable[[], TankWorld], edit: Callable[[], None], controller: Controller
+    ) -> None:
+        """The first troubles or walls: from then on, what swims is another program."""
         try:
-            one, now = self.world.swimmers[0], slots_for(self.world.num_units)
-            rough = await asyncio.to_thread(self.world.tank.rough_world, one)
-            await asyncio.to_thread(self.pool.prepare, controller, now, rough)
-            self.world.pour(names, grade)
+            now = slots_for(self.world.num_units)
+            other = await asyncio.to_thread(make)
+            await asyncio.to_thread(self._prepare, controller, now, other)
+            edit()
         except InputError as error:
             self._complain(str(error))
             return
@@ -208,7 +230,13 @@ class Engine:
             self.roughening = False
             self.show()
         for slots in SLOTS:
-            await asyncio.to_thread(self.pool.prepare, controller, slots, rough)
+            await asyncio.to_thread(self._prepare, controller, slots, other)
+
+    def _prepare(self, controller: Controller, slots: int, world: TankWorld) -> None:
+        """Compiles what a controller needs: of a planner, also the policy below it."""
+        self.pool.prepare(apart.below(controller), slots, world)
+        if apart.is_planner(controller) and world.obstacles is not None:
+            self.pool.prepare(controller, slots, world)
 
     def _start(self, work: Any) -> None:
         """Runs in the background; kept, as the event loop keeps no task alive."""
@@ -226,7 +254,7 @@ class Engine:
         try:
             controller = await asyncio.to_thread(self.fleet.load, name)
             self.world.steer_by(controller.card)
-            await asyncio.to_thread(self.pool.prepare, controller, SLOTS[0], drawn)
+            await asyncio.to_thread(self._prepare, controller, SLOTS[0], drawn)
             self.world.steer_by(controller.card)  # chains may have changed meanwhile
             self._controller, self.policy = controller, name
         except (InputError, OSError) as error:
@@ -235,15 +263,19 @@ class Engine:
             self.loading = ""
         self.show()
         if self._controller is not None:
-            await asyncio.to_thread(self.pool.prepare, self._controller, SLOTS[1], drawn)
+            await asyncio.to_thread(self._prepare, self._controller, SLOTS[1], drawn)
 
 
 def _chain(one: Any) -> dict[str, Any]:
     """A chain in short numbers: 0.1 mm, a thousandth of a radian, a hundredth of a newton."""
     units = [
-        [round(x, 4), round(y, 4), round(angle, 3), round(thrust, 2), int(works)]
-        for (x, y, angle), thrust, works in zip(
-            one.units[:, :3].tolist(), one.pushes.tolist(), one.works.tolist(), strict=True
+        [round(x, 4), round(y, 4), round(angle, 3), round(thrust, 2), int(works), int(cut)]
+        for (x, y, angle), thrust, works, cut in zip(
+            one.units[:, :3].tolist(),
+            one.pushes.tolist(),
+            one.works.tolist(),
+            one.cuts.tolist(),
+            strict=True,
         )
     ]
     return {
@@ -274,6 +306,8 @@ HANDLERS: dict[type, Callable[[Engine, Any], None]] = {
     messages.Join: lambda e, m: e.world.join(m.chain, m.other),
     messages.Push: lambda e, m: e.world.push(m.chain, m.unit, m.x, m.y),
     messages.Flow: lambda e, m: e.world.flow(m.x, m.y),
+    messages.Wall: lambda e, m: e.build(partial(e.world.build, m.begin, m.end, m.opening)),
+    messages.Clear: lambda e, m: e.build(partial(e.world.clear, m.point)),
     messages.Trouble: lambda e, m: e.trouble(m.names, m.grade),
     messages.Steer: lambda e, m: e.steer(m.policy),
     messages.Pause: lambda e, m: e.pause(m.on),

@@ -90,6 +90,20 @@ class Flow(Message):
     y: Annotated[float, Meta(ge=-10, le=10)]
 
 
+class Wall(Message):
+    """Stand a wall between two points, with an opening in its middle (m) if any."""
+
+    begin: Point
+    end: Point
+    opening: Annotated[float, Meta(ge=0, le=100)] = 0.0
+
+
+class Clear(Message):
+    """Take away the wall drawn nearest to a point, or all that were drawn."""
+
+    point: Point | None = None
+
+
 class Trouble(Message):
     """Put all chains in these troubles, and in no others."""
 
@@ -132,8 +146,8 @@ class Record(Message):
 
 
 Edit = (
-    Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Trouble | Steer
-    | Pause | Step | Pace | Reset | Record
+    Place | Draw | Target | Grow | Shrink | Thruster | Cut | Join | Push | Flow | Wall | Clear
+    | Trouble | Steer | Pause | Step | Pace | Reset | Record
 )  # fmt: skip
 _decoder = msgspec.json.Decoder(Edit)
 _encoder = msgspec.json.Encoder()

@@ -20,6 +20,7 @@ from salpchain.tasks.features import remembered_size
 from salpchain.tasks.observations import Around, with_history
 from salpchain.tasks.reach.reward import distances, reached
 from salpchain.tasks.reach.task import SCLD
+from salpchain.web import apart
 from salpchain.web.memory import kept, remembered, width
 from salpchain.web.tank import MOST_UNITS
 from salpchain.world.current import Sum, Uniform
@@ -51,6 +52,7 @@ class Packed(NamedTuple):
     seed: Any  # (2,) data of the key of what changes in time
     first: Any  # (chain,) slot of each chain's first unit
     count: Any  # (chain,) its units; 0 where there is no chain
+    trip: Any = None  # of the one chain, where a planner takes it apart
 
 
 class Moved(NamedTuple):
@@ -64,6 +66,7 @@ class Moved(NamedTuple):
     water: Any  # arrays of the world's own current
     distance: Any  # (chain,) m, mean, to the target
     reached: Any  # (chain,)
+    trip: Any = None
 
 
 class Pool:
@@ -85,6 +88,8 @@ class Pool:
                 weights, rest = eqx.partition(controller, eqx.is_array)
                 fixed = eqx.filter(world, eqx.is_array, inverse=True)
                 packed = empty(slots, world, controller.card.observation)
+                if apart.is_planner(controller):
+                    packed = packed._replace(trip=apart.empty(controller, slots))
                 work = jax.jit(partial(_advance, rest, fixed)).lower(
                     weights, _arrays(world), packed
                 )
@@ -150,7 +155,13 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
     keys = jr.split(jr.fold_in(jr.wrap_key_data(packed.seed), packed.time), 3)
     senses = remembered(world.sensing, keys[0], chain, packed.memory, packed.begins)
     told = chain if senses is None else senses.of(chain)
-    thrust, seen = _asked(controller, world, packed, told, senses)
+    memory, trip, seen = None, packed.trip, packed.seen
+    if trip is None:
+        thrust, seen = _asked(controller, world, packed, told, senses)
+    else:
+        thrust, chain, memory = apart.planned(
+            controller, chain, told, packed.thrust, world.dynamics, trip
+        )
     if world.sensing is not None and senses is not None:
         asked, senses = world.sensing.given(senses, thrust[:, None], packed.time)
         thrust = asked[:, 0]
@@ -158,7 +169,8 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
     chain = world.step(_kicked(chain, packed), thrust)
     if world.sensing is not None and senses is not None:
         senses = world.sensing.sense(keys[1], chain, senses)
-    apart, good = _judged(packed, chain)
+    away, good = _judged(packed, chain)
+    trip = None if trip is None else apart.later(trip, chain, memory)
     return Moved(
         units=_columns(chain.units),
         links=_columns(chain.links),
@@ -166,8 +178,9 @@ def _advance(rest: Any, fixed: Any, weights: Any, arrays: Any, packed: Packed) -
         memory=kept(senses, len(packed.units)),
         seen=seen,
         water=of_episode(drawn.advance(keys[2])).current,
-        distance=apart,
-        reached=good,
+        distance=away,
+        reached=good if trip is None else good & trip.whole,
+        trip=trip,
     )
 
 
@@ -202,9 +215,9 @@ def _judged(packed: Packed, chain: Chain) -> tuple[Array, Array]:
 
     def judge(index: Array, results: tuple[Array, Array]) -> tuple[Array, Array]:
         own, target, _ = _alone(packed, chain, force, index)
-        apart, good = results
+        away, good = results
         mean = distances(own, target).mean
-        return apart.at[index].set(mean), good.at[index].set(reached(own, target))
+        return away.at[index].set(mean), good.at[index].set(reached(own, target))
 
     none = jnp.zeros(CHAINS), jnp.zeros(CHAINS, bool)
     return jax.lax.fori_loop(0, (packed.count > 0).sum(), judge, none)
@@ -212,7 +225,7 @@ def _judged(packed: Packed, chain: Chain) -> tuple[Array, Array]:
 
 def _chain(packed: Packed) -> Chain:
     slot = jnp.arange(len(packed.units))
-    return Chain(
+    chain = Chain(
         units=_bodies(packed.units),
         links=_bodies(packed.links),
         rest_angle=packed.rest,
@@ -220,6 +233,7 @@ def _chain(packed: Packed) -> Chain:
         linked=packed.linked,
         touching=jnp.zeros((), bool),
     )
+    return chain if packed.trip is None else apart.dressed(chain, packed.trip)
 
 
 def _alone(

@@ -29,6 +29,7 @@ class _Open:
     thrusts: list[np.ndarray] = field(default_factory=list)
     distances: list[float] = field(default_factory=list)
     reached: list[bool] = field(default_factory=list)
+    parted: list[np.ndarray] = field(default_factory=list)  # (link,) whether cut
     targets: list[tuple[int, np.ndarray]] = field(default_factory=list)
 
     def goes_on(self, one: Swimmer, policy: str) -> bool:
@@ -47,6 +48,7 @@ class _Open:
         self.states.append(one.units[:, : ANGLE + 1].astype(np.float32))
         self.distances.append(one.distance)
         self.reached.append(one.reached)
+        self.parted.append(one.cuts[:-1])
 
     def closed(self) -> Part:
         """The part as it is."""
@@ -62,6 +64,7 @@ class _Open:
             np.array(self.distances),
             np.array(self.reached),
             self.targets,
+            np.stack(self.parted),
         )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -48,11 +49,25 @@ class Swimmer:
     arrived: int | None = None  # control steps that the way to this target took
     memory: Float[np.ndarray, "unit number"] | None = None  # of faulty sensors; None: they begin
     seen: Float[np.ndarray, "unit feature"] | None = None  # shown to the controller before
+    trip: Any = None  # through an opening, of a chain that takes itself apart (web.apart)
 
     @property
     def length(self) -> int:
         """Units."""
         return len(self.units)
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether it has taken itself apart and is not one chain again."""
+        return self.trip is not None and not self.trip.whole
+
+    @property
+    def cuts(self) -> Bool[np.ndarray, " unit"]:
+        """Whether each unit's link to the next one is cut."""
+        cut = np.zeros(self.length, bool)
+        if self.trip is not None:
+            cut[:-1] = ~self.trip.linked[: self.length - 1]
+        return cut
 
     @property
     def pushes(self) -> Float[np.ndarray, " unit"]:

@@ -18,6 +18,7 @@ from salpchain.report.replay import packed_surroundings
 from salpchain.tasks.config import FIXED_LIMIT, STEPS_PER_UNIT
 from salpchain.web.swimmer import ANGLE, LINK, NEVER, Points, Swimmer
 from salpchain.web.troubles import THRUSTERS, TROUBLES, poured
+from salpchain.web.walls import Drawn, wall_gap
 from salpchain.world.config import WorldConfig
 from salpchain.world.current import Sum, Uniform
 from salpchain.world.randomise import draw_world, with_obstacles
@@ -40,19 +41,37 @@ class Tank:
         self.seed = np.zeros(2, np.uint32)  # of what changes in each control step
         self.troubles: frozenset[str] = frozenset()  # that were poured on it
         self.grade, self.is_rough = GRADES[1], False  # rough: whether anything ever was
+        self.drawn, self.is_walled = Drawn(), False  # by hand; walled: whether anything ever was
+        self._own = self.world.obstacles  # obstacles without walls drawn by hand
         self._surveyed = 0
         self._told = self.around, packed_surroundings(self.around, 0)
 
     def fill(self, one: Swimmer) -> Swimmer:
         """Draws a world with obstacles clear of a chain and its target; the chain with the
         thrusters that it has there."""
+        self.drawn = Drawn()
         if self.config.is_still and not self.is_rough:
+            self.world = self._walled(self.world)
             return one
         self._key, key, change_key = jr.split(self._key, 3)
         self.seed = np.asarray(jr.key_data(change_key))
         drawn = self._draw(key, one, self.troubles, self.grade if self.is_rough else "")
-        self.world = _without_thrusts(drawn)
+        self._own = drawn.obstacles
+        self.world = self._walled(_without_thrusts(drawn))
         return _equipped(one, drawn.thrusters, 0)
+
+    def build(self, drawn: Drawn) -> None:
+        """Stands these walls in the water, and no others that were drawn by hand."""
+        self.drawn, self.is_walled = drawn, True
+        self.world = self._walled(self.world)
+
+    def walled_world(self) -> World:
+        """The world as it is where walls may be drawn, for a program to be compiled."""
+        return replace(self.world, obstacles=Drawn().among(self._own))
+
+    def _walled(self, world: World) -> World:
+        own = self._own
+        return replace(world, obstacles=self.drawn.among(own) if self.is_walled else own)
 
     def pour(
         self, swimmers: list[Swimmer], troubles: frozenset[str], grade: str, time: int
@@ -136,16 +155,7 @@ class Tank:
 
     def gap(self, points: Points) -> Float[np.ndarray, " point"]:
         """How far points are from the nearest surface (m): below zero inside, infinite if none."""
-        nearest = np.full(len(points), np.inf)
-        for ax, ay, bx, by, width in self.around.walls.astype(float):
-            middle, half = np.array([ax + bx, ay + by]) / 2, np.array([bx - ax, by - ay]) / 2
-            size = np.hypot(*half)
-            along = half / size
-            away = points - middle
-            local = np.stack([away @ along, away @ np.array([-along[1], along[0]])], axis=1)
-            beyond = np.abs(local) - [size, width / 2]
-            outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
-            nearest = np.minimum(nearest, outside + np.minimum(beyond.max(axis=1), 0))
+        nearest = wall_gap(self.around.walls, points)
         for x, y, radius in self.around.posts.astype(float):
             nearest = np.minimum(nearest, np.hypot(*(points - [x, y]).T) - radius)
         return nearest

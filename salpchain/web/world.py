@@ -9,12 +9,13 @@ from jaxtyping import Float
 from salpchain.checks import check_length
 from salpchain.controllers.policy import Controller, PolicyCard
 from salpchain.errors import InputError
-from salpchain.web import swimmer
+from salpchain.web import apart, swimmer
 from salpchain.web.drawing import nearer_way_round, random_target, resampled
 from salpchain.web.pool import CHAINS, Moved, Packed, Pool, empty, slots_for
 from salpchain.web.swimmer import Swimmer
 from salpchain.web.tank import MOST_UNITS, Tank
 from salpchain.web.troubles import check_troubles
+from salpchain.web.walls import Drawn
 from salpchain.world.config import WorldConfig
 
 FASTEST_CURRENT = 0.3  # m/s (chosen: half as fast again as a chain)
@@ -96,16 +97,16 @@ class World:
 
     def grow(self, name: int) -> None:
         """Adds a unit at a chain's end."""
-        one = self._find(name)
+        one = self._find_whole(name)
         self._check_room(self.num_units + 1)
         self._check_serves([one.length + 1])
         others = [other.units[:, :2] for other in self.swimmers if other.name != name]
         taken, lets = np.vstack([np.empty((0, 2)), *others]), self.tank.lets
-        self._change(name, lambda one: swimmer.grown(one, taken, lets))
+        self._change(name, lambda _: swimmer.grown(one, taken, lets))
 
     def shrink(self, name: int) -> None:
         """Takes the unit at a chain's end away."""
-        smaller = swimmer.shrunk(self._find(name))
+        smaller = swimmer.shrunk(self._find_whole(name))
         self._check_serves([smaller.length])
         self._change(name, lambda _: smaller)
 
@@ -119,8 +120,8 @@ class World:
         """Makes two chains of one, each with its own target."""
         if len(self.swimmers) >= CHAINS:
             raise InputError(f"{CHAINS} chains swim already: join two of them first")
-        index = self.swimmers.index(self._find(name))
-        parts = swimmer.cut(self.swimmers[index], link, self._names + 1)
+        whole, index = self._find_whole(name), self.swimmers.index(self._find(name))
+        parts = swimmer.cut(whole, link, self._names + 1)
         self._check_serves([part.length for part in parts])
         self._names += 1
         self.swimmers[index : index + 1] = parts
@@ -129,7 +130,7 @@ class World:
         """Links two chains at their nearest ends."""
         if name == other:
             raise InputError("a chain cannot be joined to itself: give two chains")
-        whole = swimmer.joined(self._find(name), self._find(other), self.tank.lets)
+        whole = swimmer.joined(self._find_whole(name), self._find_whole(other), self.tank.lets)
         self._check_serves([whole.length])
         self.swimmers = [one for one in self.swimmers if one.name != other]
         self._change(name, lambda _: whole)
@@ -155,13 +156,32 @@ class World:
         self.swimmers = self.tank.pour(self.swimmers, meant, grade, self.time)
         self.tank.survey(self.swimmers, self.current)
 
+    def build(
+        self, begin: tuple[float, float], end: tuple[float, float], opening: float = 0.0
+    ) -> None:
+        """Stands a wall between two points (m), clear of all units, with an opening (m) if any."""
+        units = np.concatenate([one.units[:, :2] for one in self.swimmers])
+        self.tank.build(self.tank.drawn.with_wall(begin, end, opening, units))
+        self.tank.survey(self.swimmers, self.current)
+
+    def clear(self, point: tuple[float, float] | None = None) -> None:
+        """Takes away the wall drawn nearest to a point (m), or all that were drawn."""
+        left = self.tank.drawn.without(np.array(point)) if point is not None else Drawn()
+        self.tank.build(left)
+        self.tank.survey(self.swimmers, self.current)
+
     def steer_by(self, card: PolicyCard) -> None:
         """From now on a controller with this card steers; it must serve all chains there are."""
         self._check_serves([one.length for one in self.swimmers], card)
+        for one in self.swimmers:
+            self._find_whole(one.name)
         self.card = card
 
     def advance(self, pool: Pool, controller: Controller) -> None:
         """One control step (0.1 s) of all chains."""
+        self._set_out(controller)
+        if all(one.trip is None for one in self.swimmers):
+            controller = apart.below(controller)
         packed = self._pack(controller.card.observation)
         moved = pool.advance(controller, packed, self.tank.world)
         if not (np.isfinite(moved.units).all() and np.isfinite(moved.links).all()):
@@ -175,6 +195,26 @@ class World:
             for index, (one, first) in enumerate(zip(self.swimmers, packed.first, strict=False))
         ]
         self.tank.survey(self.swimmers, self.current, self.time)
+
+    def _set_out(self, controller: Controller) -> None:
+        """Ends the trip of a chain that is whole and has arrived or has another target; begins one
+        where a planner steers the only chain and its way goes through an opening."""
+        plans = apart.is_planner(controller)
+        for one in self.swimmers:
+            trip = one.trip
+            if trip is None or one.is_apart:
+                continue
+            moved = not np.array_equal(trip.target[: one.length], one.target.astype(np.float32))
+            if trip.there or moved or not plans:
+                self._change(one.name, lambda one: replace(one, trip=None))
+        one, gate = self.swimmers[0], self.tank.drawn.gate
+        alone = len(self.swimmers) == 1 and one.trip is None and one.since >= apart.SETTLED
+        if not (plans and gate and alone):
+            return
+        lane = gate.lane(one.units[:, :2].mean(axis=0), one.target.mean(axis=0))
+        if lane is not None:
+            slots, way = slots_for(one.length), (one.rest, one.target, lane, gate.opening)
+            self.swimmers = [replace(one, trip=apart.set_out(controller, slots, *way))]
 
     def _pack(self, observation: str) -> Packed:
         """All chains one after the other; the gap between two chains is no link."""
@@ -191,6 +231,8 @@ class World:
             if one.seen is not None and one.seen.shape[1] == packed.seen.shape[1]:
                 packed.seen[units], packed.starts[units] = one.seen, False
             packed.first[index], packed.count[index] = first, one.length
+            if one.trip is not None:
+                packed = packed._replace(trip=one.trip, linked=one.trip.linked)
             for name, unit, kick in self._kicks:
                 if name == one.name and unit < one.length:
                     packed.kick[first + unit] += kick
@@ -210,6 +252,13 @@ class World:
                     raise InputError(f"chain {name} has units 0 to {one.length - 1}, got {unit}")
                 return one
         raise InputError(f"there is no chain {name} (any more)")
+
+    def _find_whole(self, name: int) -> Swimmer:
+        """The chain of this name, which has not taken itself apart, off its trip."""
+        one = self._find(name)
+        if one.is_apart:
+            raise InputError("the chain is apart: wait until it has joined again, or reset")
+        return replace(one, trip=None)
 
     def _change(self, name: int, change: Callable[[Swimmer], Swimmer]) -> None:
         index = self.swimmers.index(self._find(name))
@@ -233,11 +282,13 @@ def _after(one: Swimmer, moved: Moved, index: int, first: int, time: int) -> Swi
     """The chain after a step, which is the one of this index and begins in this slot."""
     n, since, good = one.length, one.since + 1, bool(moved.reached[index])
     mine = slice(first, first + n)
-    fails = one.works & (one.fails_at == time)
+    fails, trip = one.works & (one.fails_at == time), moved.trip
     return replace(
         one,
         units=moved.units[mine].astype(float),
         links=moved.links[first : first + n - 1].astype(float),
+        rest=one.rest if trip is None else trip.rest[: n - 1].astype(float),
+        trip=trip,
         works=one.works & ~fails if fails.any() else one.works,
         thrust=moved.thrust[mine].astype(float),
         memory=moved.memory[mine] if moved.memory.shape[1] else None,

@@ -185,7 +185,7 @@ def test_the_longest_recording_makes_a_page_of_a_few_megabytes():
     part = Part(
         0, "any", 0, np.ones(n, bool), dice.normal(size=(steps + 1, n, 2)),
         dice.normal(size=(steps + 1, n)), dice.normal(size=(steps, n)), np.ones(steps + 1),
-        np.zeros(steps + 1, bool), targets,
+        np.zeros(steps + 1, bool), targets, np.zeros((steps + 1, n - 1), bool),
     )  # fmt: skip
     assert len(recording_page(Recording([part], [(0, 0.0, 0.0)], 0.1))) < 6_000_000
 

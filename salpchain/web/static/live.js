@@ -32,6 +32,7 @@
     welcome(message) {
       live.step = message.step;
       live.most = message.most;
+      live.wall = message.wall; // none where walls cannot be drawn
       live.epoch = null;
       live.world = message.world;
       Object.assign(Salp.sizes, { unit: message.unit, link: message.link });
@@ -174,9 +175,10 @@
     const at = live.chains.indexOf(chain);
     const which = live.chains.length > 1 ? `Chain ${at + 1} of ${live.chains.length}` : "";
     const unit = live.unit === null ? "" : `unit ${live.unit + 1}${chain.units[live.unit]?.[4] ? "" : " (thruster off)"}`;
-    say("hint", [which, unit].filter(Boolean).join(", ") || Tools.HINTS[live.tool]);
+    const apart = chain.units.some((one) => one[5]) ? "Apart, until all have passed" : "";
+    say("hint", [which, unit, apart].filter(Boolean).join(", ") || Tools.HINTS[live.tool]);
     banner(live.loading ? `Loading ${live.loading}: it swims in a moment`
-      : live.roughening ? "The water gets rough in a moment" : "");
+      : live.roughening ? "The water changes in a moment" : "");
     offer();
     const where = live.world === "still" ? "" : `The world is ${live.world}, drawn anew at each reset. `;
     say("health", `${where}A step takes ${live.took} ms ${Line.where}.${lagWords()}`);
@@ -217,6 +219,7 @@
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-pressed", button.dataset.tool === live.tool);
     }
+    get("unwall").hidden = !["wall", "gate"].includes(live.tool);
     get("shapes").hidden = live.tool !== "target";
   }
 
@@ -228,12 +231,12 @@
   // Where a chain is between the last two states; it runs one control step behind the server.
   function show(chain, now) {
     const part = partSince(chain.at, now);
-    chain.shown = chain.units.map(([x, y, angle, thrust, works], i) => {
+    chain.shown = chain.units.map(([x, y, angle, thrust, works, cut], i) => {
       const from = chain.from?.[i];
       return {
         x: from ? Salp.between(from.x, x, part) : x, y: from ? Salp.between(from.y, y, part) : y,
         angle: from ? Salp.betweenAngles(from.angle, angle, part) : angle,
-        thrust, off: !works, place: i / Math.max(chain.units.length - 1, 1),
+        thrust, off: !works, cut, place: i / Math.max(chain.units.length - 1, 1),
         marked: chain.name === live.name && i === live.unit,
       };
     });
@@ -295,15 +298,16 @@
   }
 
   function drawSketch() {
-    if (!live.sketch) return;
-    const look = Salp.theme(), { points } = live.sketch;
+    if (!live.sketch) return undefined;
+    const look = Salp.theme(), { points, opening } = live.sketch;
+    if (live.sketch.wall) return Surroundings.draw(ctx, { camera: live.camera, walls: Tools.wallPieces(points, opening, live.wall.width) });
     Salp.trace(ctx, live.camera, points);
     Salp.stroke(ctx, live.sketch.arrow ? look.ink : look.faint, live.sketch.arrow ? 3 : 1.5);
     if (!live.sketch.arrow) {
       Salp.trace(ctx, live.camera, Tools.asLongAs(points, Salp.sizes.link * ((live.chosen()?.units.length ?? 1) - 1)));
       Salp.stroke(ctx, look.ink, 4);
     }
-    if (live.sketch.arrow) arrowHead(points[0], points[1], look.ink);
+    return live.sketch.arrow && arrowHead(points[0], points[1], look.ink);
   }
 
   function arrowHead(from, to, colour) {
@@ -386,6 +390,7 @@
   click("keys", live.help);
   click("again", () => Tools.retarget(live, live.offered));
   click("trouble", Tools.showTroubles);
+  click("unwall", () => live.send("clear"));
   click("join", () => Tools.join(live));
   click("grow", () => Tools.KEYS["+"](live));
   click("shrink", () => Tools.KEYS["-"](live));

@@ -8,6 +8,8 @@ const Tools = (() => {
     cut: "Tap a link to cut it",
     push: "Drag away from a unit to push it",
     thruster: "Tap a unit to turn its thruster off or on",
+    wall: "Drag to draw a wall; tap one to take it away",
+    gate: "Drag across the way: a wall with an opening, half as wide as the chain is long; tap it to take it away",
     current: "Drag in the direction in which the water shall flow; tap for still water",
   };
   const SHAPES = [
@@ -170,6 +172,43 @@ const Tools = (() => {
     live.send("flow", { x: x * less, y: y * less });
   }
 
+  // The pieces of a wall between two points, with an opening in its middle if it has a width (m).
+  function wallPieces([a, b], opening, width) {
+    if (!opening) return [[...a, ...b, width]];
+    const at = (part) => a.map((v, i) => v + part * (b[i] - v));
+    const half = Math.min(opening / 2 / (Math.hypot(b[0] - a[0], b[1] - a[1]) || 1), 0.5);
+    return [[...a, ...at(0.5 - half), width], [...at(0.5 + half), ...b, width]];
+  }
+
+  // An opening (m) half as wide as the chosen chain is long, but never too narrow.
+  const openingFor = (live) => Math.max((live.chosen()?.units.length ?? 1) * Salp.sizes.link / 2, live.wall.opening);
+
+  function walling(live, px, py, opening) {
+    const begin = live.camera.toWorld(px, py);
+    live.sketch = { points: [begin, begin], wall: true, opening };
+    return {
+      move(x, y) { live.sketch.points[1] = live.camera.toWorld(x, y); },
+      end() {
+        const [a, b] = live.sketch.points;
+        live.sketch = null;
+        if (Math.hypot(b[0] - a[0], b[1] - a[1]) * live.camera.scale < NEAR / 2) live.send("clear", { point: a });
+        else live.send("wall", { begin: a, end: b, opening });
+      },
+    };
+  }
+
+  // By keyboard: a wall with an opening, halfway from the chosen chain to its target and across it.
+  function gate(live, event) {
+    const chain = live.chosen();
+    if (!chain || !live.wall) return undefined;
+    if (event.shiftKey) return live.send("clear");
+    const [from, to] = [chain.units, live.targetOf(chain)].map(middle), far = Math.hypot(to[0] - from[0], to[1] - from[1]) || 1;
+    const opening = openingFor(live), half = 2 * opening + chain.units.length * Salp.sizes.link;
+    const across = [-(to[1] - from[1]) / far * half, (to[0] - from[0]) / far * half];
+    const [begin, end] = [-1, 1].map((side) => [0, 1].map((i) => (from[i] + to[i]) / 2 + side * across[i]));
+    return live.send("wall", { begin, end, opening });
+  }
+
   const GRABS = {
     target: grabTarget,
     draw: drawing,
@@ -182,6 +221,8 @@ const Tools = (() => {
       live.select(chain, index);
       toggle(live);
     }),
+    wall: (live, x, y) => walling(live, x, y, 0),
+    gate: (live, x, y) => walling(live, x, y, openingFor(live)),
     current: (live, x, y) => arrow(live, live.camera.toWorld(x, y),
       (dx, dy) => flow(live, ...(Math.hypot(dx, dy) < 0.03 ? [0, 0] : [dx * 0.4, dy * 0.4]))),
   };
@@ -285,7 +326,7 @@ const Tools = (() => {
     "-": (live) => withChain(live, "shrink"),
     m: showTroubles, n: (live) => live.next(), ",": (live) => live.mark(-1), ".": (live) => live.mark(1),
     x: (live) => withChain(live, "cut", (chain) => ({ link: Math.min(live.unit ?? Math.floor(chain.units.length / 2) - 1, chain.units.length - 2) })),
-    j: join, t: toggle, k: kick, c: (live) => live.send("flow", { x: 0, y: 0 }),
+    j: join, w: gate, t: toggle, k: kick, c: (live) => live.send("flow", { x: 0, y: 0 }),
     " ": (live) => live.send("pause", { on: !live.paused }), s: (live) => live.send("step"),
     v: (live) => Recording.press(live), g: (live) => retarget(live, live.chosen()),
     "[": (live) => live.pace(-1), "]": (live) => live.pace(1), r: (live) => live.send("reset"),
@@ -294,5 +335,5 @@ const Tools = (() => {
   };
   SHAPES.forEach((bend, i) => { KEYS[String(i + 1)] = (live) => shape(live, bend); });
 
-  return { GRABS, HINTS, KEYS, asLongAs, join, knob, middle, retarget, showTroubles, troubles };
+  return { GRABS, HINTS, KEYS, asLongAs, join, knob, middle, retarget, showTroubles, troubles, wallPieces };
 })();
