@@ -42,10 +42,10 @@ class Replay(NamedTuple):
 
 def replay(
     places: Sequence[Place],
-    thrusts: Sequence[Float[np.ndarray, "step unit"]],
+    thrusts: Sequence[Float[np.ndarray, "_ _"]],
     tolerance: float = GOAL_LIMIT,
 ) -> Replay:
-    """Swims of thrusts (N) from these starts, until the goal or their last step.
+    """Swims of thrusts (N), (step, unit), from these starts, until the goal or their last step.
 
     `tolerance` (m) is the Frechet distance at which the target counts as taken.
     """
