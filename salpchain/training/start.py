@@ -52,9 +52,9 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
     """The network with the weights of the policy, which observes what the network does.
 
     The spread of its actions is that of a fresh one: a policy at the end of its training hardly
-    explores. So is its critic, unless both have the same kind, and its memory,
-    which counts for nothing at first, unless both have one. Of two networks by jet both begin with
-    the weights of a policy that has one.
+    explores. So is its critic, unless both have the same kind, and its memory, which counts for
+    nothing at first, unless both have one. Of two networks by jet both begin with the weights of a
+    policy that has one.
     """
     given: Any = policy.network
     if isinstance(fresh, ByJet):
@@ -66,7 +66,6 @@ def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
 
 def _with_weights(fresh: Any, given: Any) -> Any:
     """One network with the weights of another, as `with_weights` says."""
-
     if given.critic_observes != fresh.critic_observes:
         judge = "critic", "score", "critic_trunk", "critic_observes"
         given = replace(given, **{name: getattr(fresh, name) for name in judge})

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from salpchain.controllers.by_jet import by_jet
+from salpchain.controllers.observing import observing
 from salpchain.controllers.policy import PolicyCard, as_policy
 from salpchain.controllers.storage import load, save_policy
 from salpchain.errors import InputError
@@ -76,6 +77,14 @@ def test_units_of_one_network_may_observe_no_more_than_their_neighbours():
     seen = replace(state, obs=state.obs[:, : observation_size("proximity")])
     np.testing.assert_allclose(both.act(state), plain.act(seen), atol=1e-7)
     assert both.card.observation == "sea"
+
+
+def test_a_network_for_a_whole_chain_observes_nothing_more():
+    """Its inputs are those of all units in a row: more of them would come in between."""
+    network = actor_critic(jr.key(0), ControlConfig("mlp"), observation_size("proximity"), 1, 3)
+    card = PolicyCard(control=ControlConfig("mlp"), observation="proximity", length=3)
+    with pytest.raises(InputError, match="an mlp observes proximity and nothing else"):
+        observing(as_policy(network, card), "sea")
 
 
 def test_it_is_kept_as_one_file_and_its_card_tells_of_both(tmp_path):
