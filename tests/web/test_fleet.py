@@ -34,10 +34,10 @@ def test_a_fleet_lists_runs_and_loads_nothing_else(runs, tmp_path):
     fleet = Fleet(runs=runs)
     shown = set(released("vmas"))
     assert "any-length" in shown and "any-length-landsalp" in set(released()) - shown
-    assert set(fleet.names) == {"broken", "one", "greedy", "approach", *shown}
+    assert set(fleet.names) == {"broken", "one", "greedy", "approach", "caravan", *shown}
     chosen = Fleet(str(runs / "one"), runs)
     own = [name for name in chosen.names if name not in released()]
-    assert own == ["one", "broken", "greedy", "approach"]
+    assert own == ["one", "broken", "greedy", "approach", "caravan"]
     twin = tmp_path / "one.safetensors"
     twin.write_bytes((runs / "one" / "policy.safetensors").read_bytes())
     assert Fleet(str(twin), runs).first == str(twin)  # another one of that name

@@ -96,7 +96,13 @@ def test_a_browser_is_greeted_with_the_policies_and_the_world(port):
     with client(port) as socket:
         welcome, state = json.loads(socket.recv()), json.loads(socket.recv())
     own = [name for name in welcome["policies"] if name not in released()]
-    assert welcome["type"] == "welcome" and own == ["greedy", "broken", "one", "approach"]
+    assert welcome["type"] == "welcome" and own == [
+        "greedy",
+        "broken",
+        "one",
+        "approach",
+        "caravan",
+    ]
     assert state["type"] == "state" and len(state["chains"]) == 1
     assert len(state["chains"][0]["units"]) == len(state["chains"][0]["target"])
 
