@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from salpchain.controllers.policy import Policy, as_policy
+from salpchain.controllers.policy import Policy, PolicyCard, as_policy
 from salpchain.controllers.storage import network_shapes
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import ActorCritic
 from salpchain.networks.config import SINGLE_LENGTH
 from salpchain.tasks.features import layout
 
@@ -32,8 +33,13 @@ def observing(policy: Policy, observation: str) -> Policy:
     if card.control.model in SINGLE_LENGTH:
         raise InputError(f"an {card.control.model} observes {card.observation} and nothing else")
     more = replace(card, observation=observation)
+    return as_policy(padded(policy.network, more), more)
+
+
+def padded(network: ActorCritic, card: PolicyCard) -> ActorCritic:
+    """The weights in a network of this card, whose arrays are larger; 0 where there were none."""
 
     def put(new: jax.ShapeDtypeStruct, old: Array) -> Array:
         return jnp.pad(old, [(0, n - m) for m, n in zip(old.shape, new.shape, strict=True)])
 
-    return as_policy(jax.tree.map(put, network_shapes(more), policy.network), more)
+    return jax.tree.map(put, network_shapes(card), network)

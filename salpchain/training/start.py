@@ -1,11 +1,14 @@
 """Weights that a run begins with: those of a policy that was trained before."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 
+from salpchain.controllers.gripping import gripping
 from salpchain.controllers.observing import observing
 from salpchain.controllers.policy import Policy
 from salpchain.controllers.storage import load
@@ -19,8 +22,9 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
     """The policy whose weights the run begins with, if it does not begin with fresh ones.
 
     Raises:
-        InputError: there is none, it has another network or other actions, or what it observes is
-            not what units of this run observe first.
+        InputError: there is none, it has another network or other actions (but that units which
+            thrust can begin to grip), or what it observes is not what units of this run observe
+            first.
     """
     if not config.start:
         return None
@@ -29,6 +33,8 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
         given = load(config.start)
     except InputError as error:
         raise InputError(f"start: {error}") from None
+    if task.action == "grip" and given.card.action == "thrust":
+        given = _able(gripping, given, config.start)
     card, own = given.card, config.control
     two = card.control.by_jet or own.by_jet
     had_trunk = replace(card.control, critic=own.critic, memory=own.memory, by_jet=two)
@@ -42,10 +48,15 @@ def policy_to_start(config: TrainConfig) -> Policy | None:
             )
     if card.control.model in SINGLE_LENGTH and card.length != task.length:
         raise InputError(f"start {config.start} works at {card.length} units, got {task.length}")
+    return _able(lambda policy: observing(policy, task.observation), given, config.start)
+
+
+def _able(change: Callable[[Policy], Policy], given: Policy, start: str) -> Policy:
+    """The policy with more to observe or to do; a refusal names the start."""
     try:
-        return observing(given, task.observation)
+        return change(given)
     except InputError as error:
-        raise InputError(f"start {config.start}: {error}") from None
+        raise InputError(f"start {start}: {error}") from None
 
 
 def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
@@ -71,5 +82,6 @@ def _with_weights(fresh: Any, given: Any) -> Any:
         given = replace(given, **{name: getattr(fresh, name) for name in judge})
     if (given.recall is None) != (fresh.recall is None):
         given = replace(given, recall=fresh.recall)
-    weights: Any = jax.tree.map(lambda new, old: old.astype(new.dtype), fresh, given)
+    # Copies: a run gives its arrays' memory away, so no two networks may share what they begin with
+    weights: Any = jax.tree.map(lambda new, old: jnp.array(old, new.dtype), fresh, given)
     return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)
