@@ -69,19 +69,16 @@ ONE_WAY = {
 
 
 def any_water(runs: Path) -> Iterator[TrainConfig]:
-    """`gcn` on `mixed` for jets that push one way, in three runs; `any_length` is for the others.
+    """`gcn` on `mixed` for jets that push one way, in two runs; `any_length` is for the others.
 
-    Short chains learn it several times as soon, so most of the steps are theirs. The first run was
-    meant to be longer and was stopped: its rates end where they were then.
+    Short chains learn it several times as soon, and longer ones learn it from them.
     """
-    weights = any_length().mix.weights
-    begin = [{"start": str(runs / f"any-water-{stage}")} for stage in (1, 2)]
-    stopped = {"steps": 1_540_096, "ppo.final_rate": 0.885, "ppo.final_entropy": 0.872}
-    yield preset(length="2..16", settings={**ONE_WAY, "mix.weights": weights, **stopped})
-    short = {"mix.weights": weights[:7], "steps": 8_000_000, "ppo.final_rate": 0.5}
-    yield preset(length="2..8", settings={**ONE_WAY, **short, **begin[0]})
-    longer = {"mix.weights": weights, "steps": 3_000_000, "ppo.learning_rate": 1e-3}
-    yield preset(length="2..16", settings={**ONE_WAY, **longer, **begin[1]})
+    lengths = tuple(range(2, 9))
+    short = {"mix.weights": tuple(map(float, lengths)), "steps": 8_000_000, "ppo.final_rate": 0.5}
+    yield preset(length="2..8", settings={**ONE_WAY, **short})
+    longer = {"start": str(runs / "any-water-1"), "steps": 16_000_000}
+    longer |= {"ppo.learning_rate": 1.5e-3, "ppo.minibatch": 1024}
+    yield preset(length="2..16", settings={**ONE_WAY, **longer})
 
 
 def any_length_landsalp() -> TrainConfig:

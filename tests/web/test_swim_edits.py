@@ -63,6 +63,7 @@ def test_a_link_carries_its_scene_and_a_damaged_one_gets_a_sentence():
         "#length=2&seed=7&world=posts&target=0.1,-0.2,0.17,-0.2", "", "#length=129",
         "#length=2&target=0,0", "#world=moon", "#length=8.5", "#seed=-1", "#target=1e999,0",
         "#__proto__=1", "#length=%E0%A4%A", "#length=8=9", "#length=<script>",
+        "#length=8&pieces=4,3", "#length=8&pieces=7,1", "#length=8&pieces=", "#pieces=4,a",
         "#troubles=dead,noise&grade=hard",
     ]  # fmt: skip
     scenes = ask("DATA.map((hash) => Scenes.parse(hash))", links, scripts=["scenes"])

@@ -140,16 +140,22 @@ def test_a_link_opens_the_same_swim_elsewhere(page, address, browser):
     page.evaluate("(points) => live.send('draw', {chain: live.chains[0].name, points})", points)
     until(page, "live.chains[0].since < 1 && live.chains[0].target[0][1] < 0.8")
     page.evaluate("live.send('flow', {x: 0.05, y: -0.02})")
-    until(page, "live.current[0] === 0.05")
+    page.evaluate("live.send('cut', {chain: live.chains[0].name, link: 2})")
+    page.evaluate("live.send('steer', {policy: 'greedy'})")
+    until(page, "live.current[0] === 0.05 && live.chains.length === 2 && live.policy === 'greedy'")
     page.click("#scenes")
     page.click("#share")
     until(page, "location.hash.includes('target=')")
-    target, link = page.evaluate("live.chains[0].target"), page.evaluate("location.hash")
+    targets = "live.chains.map(({target}) => target)"
+    target, link = page.evaluate(targets), page.evaluate("location.hash")
+    assert [len(one) for one in target] == [3, 5] and page.evaluate("live.policy") == "greedy"
     swims = []
     for _ in range(2):
         with watched(browser, address + link) as other:
             until(other, SWIMS)
-            np.testing.assert_allclose(other.evaluate("live.chains[0].target"), target, atol=1e-3)
+            for ours, its in zip(target, other.evaluate(targets), strict=True):
+                np.testing.assert_allclose(its, ours, atol=1e-3)
+            assert other.evaluate("live.policy") == "greedy"
             assert other.evaluate("live.current") == [0.05, -0.02]
             swims.append(other.evaluate(STATES, 60))
     both = swims[0].keys() & swims[1].keys()
@@ -167,6 +173,8 @@ def test_a_damaged_link_gets_a_sentence_and_the_page_swims(address, browser):
         says(page, "The scene stays as it is")
         page.evaluate("location.hash = '#length=5'")
         until(page, "live.chains[0].units.length === 5")
+        page.evaluate("location.hash = '#length=5&policy=mine'")
+        says(page, "this page does not have the policy mine: drop its file here")
 
 
 def test_a_policy_of_ones_own_swims_and_a_damaged_one_gets_a_sentence(page, tmp_path):

@@ -23,6 +23,8 @@ const Scenes = (() => {
     seed: ["a seed, a whole number", (text) => number(text, 0, 2 ** 32 - 1, true)],
     world: [`a world: ${Object.keys(worlds).join(", ")}`, (text) => oneOf(text, Object.keys(worlds))],
     target: ["a target with a point for each unit", (text) => points(text)],
+    pieces: [`the lengths of at most ${FACTS.live.chains} chains, ${shortest} or more each, as many units as there are`, pieces],
+    policy: ["the name of a policy", (text) => text],
     current: [`a current: two numbers of at most ${FACTS.live.current} m/s`, (text) => pairs(text, FACTS.live.current)[0]],
     troubles: ["troubles that there are", (text) => text.split(",").map((one) => oneOf(one, Object.keys(troubles)))],
     grade: ["a grade", (text) => oneOf(text, grades)],
@@ -36,6 +38,12 @@ const Scenes = (() => {
 
   const points = (text) => pairs(text, FARTHEST);
 
+  function pieces(text) {
+    const sizes = text.split(",").map((one) => number(one, shortest, most, true));
+    if (sizes.length > FACTS.live.chains) throw new RangeError();
+    return sizes;
+  }
+
   /** The scene of a link, and what is wrong with it; then the scene is a usual one. */
   function parse(hash) {
     const scene = {};
@@ -47,8 +55,11 @@ const Scenes = (() => {
         if (rest.length || !Object.hasOwn(PARTS, key)) throw new RangeError();
         scene[key] = PARTS[key][1](value);
       }
+      const length = scene.length ?? FIRST;
       name = "target";
-      if (scene.target && scene.target.length !== (scene.length ?? FIRST)) throw new RangeError();
+      if (scene.target && scene.target.length !== length) throw new RangeError();
+      name = "pieces";
+      if (scene.pieces && scene.pieces.reduce((sum, size) => sum + size) !== length) throw new RangeError();
     } catch {
       const meant = Object.hasOwn(PARTS, name) ? `it should say ${PARTS[name][0]}` : "it says what this page does not know";
       return { scene: {}, wrong: `The link is damaged: ${meant}.` };
@@ -64,9 +75,10 @@ const Scenes = (() => {
   }
 
   function link(live) {
-    const chain = live.chosen(), one = live.chains.length === 1 ? chain : null;
-    const parts = { length: live.chains.reduce((sum, { units }) => sum + units.length, 0), ...live.scene };
-    if (one) parts.target = live.targetOf(one).map(([x, y]) => `${x.toFixed(3)},${y.toFixed(3)}`).join(",");
+    const sizes = live.chains.map(({ units }) => units.length), parts = { length: sizes.reduce((sum, size) => sum + size, 0), ...live.scene };
+    if (sizes.length > 1) parts.pieces = sizes.join(",");
+    parts.target = live.chains.flatMap((one) => live.targetOf(one)).map(([x, y]) => `${x.toFixed(3)},${y.toFixed(3)}`).join(",");
+    if (live.policy !== get("policy").options[0].value) parts.policy = encodeURIComponent(live.policy);
     if (live.current.some(Boolean)) parts.current = live.current.map((v) => v.toFixed(3)).join(",");
     if (live.troubles.length) Object.assign(parts, { troubles: live.troubles.join(","), grade: live.grade });
     return `#${Object.entries(parts).map(([key, value]) => `${key}=${value}`).join("&")}`;

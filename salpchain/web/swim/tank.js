@@ -135,6 +135,17 @@ const Tank = (() => {
       this.chains.splice(this.chains.indexOf(one), 1, ...parts);
     }
 
+    /** Cuts the one chain there is into pieces of these lengths, each with its own part of the target. */
+    part(pieces, target) {
+      let first = 0;
+      for (const size of pieces.slice(0, -1)) this.cut(this.chains.at(-1).name, size - 1);
+      if (!target || pieces.length < 2) return;
+      this.chains = this.chains.map((one) => {
+        first += lengthOf(one);
+        return Pond.aimed(one, target.slice(first - lengthOf(one), first));
+      });
+    }
+
     join(name, other) {
       if (name === other) throw new Impossible("a chain cannot be joined to itself: give two chains");
       const whole = Pond.joined(this.find(name), this.find(other), Sea.lets(this.around));
@@ -283,12 +294,20 @@ const Tank = (() => {
       this.world = new World(policy);
     }
 
-    /** Begins a scene: length, seed, world, target, troubles; what is left out is as usual. */
-    begin({ length = BOUNDS.first, seed = 1, world = "still", target = null, troubles = [], grade = GRADES[1], current = [0, 0] }) {
+    /** Begins a scene: length, pieces, seed, world, target, troubles, policy; what is left out is as usual. */
+    begin({ length = BOUNDS.first, pieces = [], seed = 1, world = "still", target = null, troubles = [], grade = GRADES[1], current = [0, 0], policy }) {
       Object.assign(this.world, { troubles: [], current });
+      if (policy !== undefined) this.take(policy);
       this.world.reset(length, { seed, world, target });
+      this.world.part(pieces, target);
       if (troubles.length) this.world.pour(troubles, grade);
       this.paused = false;
+    }
+
+    /** Lets a policy that a link names swim, if the page has it. */
+    take(name) {
+      if (this.world.controllers.has(name)) HANDLERS.steer(this, { policy: name });
+      else this.tell({ type: "error", text: `this page does not have the policy ${name}: drop its file here` });
     }
 
     welcome() {
