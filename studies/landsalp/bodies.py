@@ -16,7 +16,7 @@ from salpchain.world.config import KINDS, DynamicsConfig, WorldConfig
 
 NAME = "any-body"
 RUN = Path("runs") / NAME
-STEPS = 800_000  # chain-steps in each of the dynamics (chosen)
+STEPS = 5_000_000  # chain-steps in each of the dynamics (chosen)
 LENGTHS, TRIALS = (2, 3, 4, 8, 16, 32), 100  # of its tests
 SEED = 2002  # of the starts that judge (chosen)
 TOLD_EVERY = 10  # iterations
