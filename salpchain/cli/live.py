@@ -42,7 +42,7 @@ class Live:
     """A run folder, a policy.safetensors, a name that `salpchain models` lists (but mpc), or a
     controller of your own as module:Class.
     A name wins over a folder that is called so: write ./NAME for the folder.
-    Default: any-length where it is released, else a run, else approach."""
+    Default: any-water where it is released, else any-length, a run, or approach."""
     port: Whole = "8000"
     """Where the page is; 0 takes any free port."""
     host: Annotated[str, text_option("ADDRESS")] = "127.0.0.1"

@@ -53,7 +53,7 @@ HERE = "<!-- swim.html comes here where the world swims in the browser itself --
 TITLE = "Swim - salpchain"
 
 
-def swim_page(policy: str = "any-length") -> str:
+def swim_page(policy: str = "any-water") -> str:
     """The page as HTML that needs no other file and no network, with this policy's weights.
 
     Raises:
@@ -166,11 +166,11 @@ def _plain(value: Any) -> Any:
 
 
 def weights(policy: Policy) -> str:
-    """The policy's file in half precision, without its critic, which does not swim: base64."""
+    """The policy's file in half precision, without its critics, which do not swim: base64."""
     arrays = {
         name: np.asarray(array, np.float16)
         for name, array in to_arrays(policy.network).items()
-        if name.startswith(("trunk.", "actor."))
+        if {"trunk", "actor"} & set(name.split(".")[:2])  # of two networks by jet, of each
     }
     header = {"kind": KIND, "version": VERSION, "header": asdict(policy.card)}
     file = save(arrays, metadata={"salpchain": json.dumps(header)})

@@ -32,7 +32,7 @@ LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
 SUITE_TRIALS = 40  # of each cell: a fifth of what the suite asks for
 SUITES_OF = {"any-water": "sea"}
-JOINED_TO = {"any-water": "any-length"}  # the network of units whose jets push both ways
+JOINED = {"any-water": 1}  # the run whose network is for units whose jets push both ways
 SEED = 2001  # of the starts that judge (chosen)
 LIMIT = "scaled"
 TESTS = Path(__file__).parent / RESULTS
@@ -69,14 +69,24 @@ ONE_WAY = {
 
 
 def any_water(runs: Path) -> Iterator[TrainConfig]:
-    """`gcn` on `mixed` for jets that push one way, in two runs; `any_length` is for the others.
+    """Two networks, both `gcn` on `mixed`: `any_length` made hardy, and one for one-way jets.
 
-    Short chains learn it several times as soon, and longer ones learn it from them.
+    The first run goes on from `any-length` with one or a few troubles in each episode. The others
+    learn jets that push one way: short chains several times as soon, and longer ones from them.
     """
+    hardy = {
+        "start": "any-length",
+        "task.observation": "sea",
+        "mix.weights": any_length().mix.weights,
+    }
+    troubles = {"world.thrusters.one_sided": False, "world.spared": 0.8}
+    rates = {"ppo.learning_rate": 1e-3, "ppo.minibatch": 1024, "ppo.final_rate": 0.05}
+    hardy |= {**troubles, **rates, "ppo.gamma": 0.993, "steps": 12_000_000}
+    yield preset(length="2..16", world="sea", settings=hardy)
     lengths = tuple(range(2, 9))
     short = {"mix.weights": tuple(map(float, lengths)), "steps": 8_000_000, "ppo.final_rate": 0.5}
     yield preset(length="2..8", settings={**ONE_WAY, **short})
-    longer = {"start": str(runs / "any-water-1"), "steps": 16_000_000}
+    longer = {"start": str(runs / "any-water-2"), "steps": 16_000_000}
     longer |= {"ppo.learning_rate": 1.5e-3, "ppo.minibatch": 1024}
     yield preset(length="2..16", settings={**ONE_WAY, **longer})
 
@@ -93,7 +103,10 @@ RECIPES = {
         alone(any_length_landsalp),
         "one controller for chains on the ground, trained on 2 to 16 units",
     ),
-    "any-water": (any_water, "any-length, and a second network for jets that push one way"),
+    "any-water": (
+        any_water,
+        "one controller for rough water, with a network of its own for one-way jets",
+    ),
     "any-length": (alone(any_length), "one controller for every length, trained on 2 to 16 units"),
     **{
         f"paper-{model}-{length}": (
@@ -115,8 +128,8 @@ def release(name: str, runs: Path) -> None:
         train_or_go_on(config, runs / folder)
     trained = load(run)
     policy = as_policy(trained.network, dataclasses.replace(trained.card, name=name))
-    if name in JOINED_TO:
-        policy = by_jet(load(JOINED_TO[name]), policy, name)
+    if name in JOINED:
+        policy = by_jet(load(runs / f"{name}-{JOINED[name]}"), policy, name)
     file = run / f"{name}.safetensors"
     save_policy(policy, file, half=True)
     tested = run / "evaluation"

@@ -1,4 +1,4 @@
-"""Episodes that the swim page and Python play from the same starts, both with `any-length`."""
+"""Episodes that the swim page and Python play from the same starts, both with `any-water`."""
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ import salpchain
 from salpchain.tasks.reach.task import SCLD
 from salpchain.web import swim_page
 
-POLICY = "any-length"
+POLICY = "any-water"
 
 
 def episodes(length, count, seed=0):
