@@ -38,7 +38,7 @@ LEARNED = {
     "task.time_limit": "scaled",
     "ppo.gamma": 0.998,  # the way round a wall pays late
     "ppo.learning_rate": 1e-3,
-    "steps": 3_000_000,
+    "steps": 2_500_000,
 }
 
 

@@ -89,6 +89,9 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
     longer = {"start": str(runs / "any-water-2"), "steps": 16_000_000}
     longer |= {"ppo.learning_rate": 1.5e-3, "ppo.minibatch": 1024}
     yield preset(length="2..16", settings={**ONE_WAY, **longer})
+    nearer = {"start": str(runs / "any-water-3"), "task.tolerance": 0.03, "steps": 16_000_000}
+    nearer |= {**rates, "ppo.minibatch": 2048, "mix.weights": hardy["mix.weights"]}
+    yield preset(length="2..16", settings={**ONE_WAY, **nearer})
 
 
 def any_length_landsalp() -> TrainConfig:
