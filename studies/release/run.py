@@ -162,18 +162,22 @@ def _together(runs: Sequence[Path]) -> dict[str, float]:
 
 def _suite(policy: Policy, name: str, out: Path) -> dict[str, Any]:
     """What the policy does in a suite: success and its interval in each cell."""
-    if not (out / CELLS_FILE).exists():
-        run_suite(policy, name, SUITE_LENGTHS, SUITE_TRIALS, seed=SEED, out=out)
-    kept = read_json(out / CELLS_FILE)
-    about = {part: kept[part] for part in ("suite", "version", "lengths", "trials", "seed")}
+    every = []
+    for length in SUITE_LENGTHS:
+        folder = out / f"{length}-units"
+        if not (folder / CELLS_FILE).exists():
+            run_suite(policy, name, length, SUITE_TRIALS, seed=SEED, out=folder)
+        every.append(read_json(folder / CELLS_FILE))
+    about = {part: every[0][part] for part in ("suite", "version", "trials", "seed")}
     named = "trouble", "grade", "length", "possible"
     cells = [
         {part: cell[part] for part in named}
         | {"success": cell["success"]["mean"]}
         | {"interval": [cell["success"]["low"], cell["success"]["high"]]}
+        for kept in every
         for cell in kept["cells"]
     ]
-    return {**about, "cells": cells}
+    return {**about, "lengths": list(SUITE_LENGTHS), "cells": cells}
 
 
 def _card(
