@@ -22,11 +22,11 @@ def gripping(policy: Policy) -> Policy:
     card = policy.card
     if card.action == "grip":
         return policy
-    one = card.control.model not in SINGLE_LENGTH and not card.control.by_jet
-    if card.action != "thrust" or not one:
+    kind = "two networks by jet" if card.control.by_jet else card.control.model
+    if card.action != "thrust" or card.control.by_jet or kind in SINGLE_LENGTH:
         raise InputError(
             f"{card.name} cannot learn to grip: that takes one graph network for every unit and the"
-            f" action thrust, got {card.control.model} with action {card.action}"
+            f" action thrust, got {kind} with action {card.action}"
         )
     more = replace(card, action="grip")
     network: Any = padded(policy.network, more)
