@@ -12,10 +12,8 @@ from salpchain.files import StrPath
 
 QUICK = [name for name, written in WRITTEN.items() if written.live]
 SPARE = "greedy"  # steers if the first policy cannot
-BEST = (
-    "any-water",
-    "any-length",
-)  # released policies that steer first if there are any, best first
+# Released policies that steer first if there are any, best first
+BEST = ("any-water", "any-length")
 MOST = 200  # policies in the list (chosen)
 
 
