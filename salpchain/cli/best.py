@@ -10,13 +10,14 @@ from salpchain.cli.recordings import check_out
 from salpchain.errors import InputError
 from salpchain.evaluation.best import solutions, starts
 from salpchain.evaluation.config import parse_lengths
-from salpchain.files import writing
+from salpchain.files import write_text, writing
 
 if TYPE_CHECKING:
     from salpchain.evaluation.best.solutions import Found
     from salpchain.evaluation.trajectory import Trajectory
 
 SUFFIXES = (".png", ".html", ".gif", ".mp4", ".npz")
+GAPS_SUFFIXES = (".png", ".csv")
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class Best:
 
     Example: salpchain best --play 8 12 --out swim.html
 
+    Example: salpchain best --gaps --out gaps.png
+
     Example: salpchain best --add mine.npz --who "A. Name" --how "direct collocation"
     """
 
@@ -41,7 +44,8 @@ class Best:
     play: Annotated[tuple[str, ...], text_option("LENGTH START")] = ()
     """The length and the number (0 to 99) of a start: swim its solution, and write it to --out."""
     out: Annotated[str, text_option("FILE")] = ""
-    """With --play: a picture (.png), a page (.html), a video (.gif, .mp4), a trajectory (.npz)."""
+    """With --play: a picture (.png), a page (.html), a video (.gif, .mp4), a trajectory (.npz).
+    With --gaps: a picture (.png), a table (.csv)."""
     add: Annotated[str, text_option("FILE.npz")] = ""
     """A solution to check, and to keep if it has fewer steps: arrays length, start, thrusts (step,
     unit) in N; or what salpchain rollout --seed 3030 wrote, its trial the start."""
@@ -49,8 +53,10 @@ class Best:
     """With --add: who found it."""
     how: Annotated[str, text_option("TEXT")] = ""
     """With --add: how it was found."""
+    gaps: Flag = False
+    """Write to --out how far the solution of each start is from the lower bound."""
     lengths: Annotated[str, text_option("N,N,...")] = ""
-    """Of the table and the check. Default: all."""
+    """Of the table, the check and the gaps. Default: all."""
     folder: Annotated[str, text_option("FOLDER")] = ""
     """Where the solutions are. Default: those that come with the package."""
     overwrite: Flag = False
@@ -74,23 +80,35 @@ def run(options: Best) -> int:
     use_devices(1)
     if options.check:
         return _check(known, options.vmas)
+    if options.gaps:
+        return _gaps(options, known, folder)
     _table(known, folder)
     return 0
 
 
-WITH = {"vmas": "check", "out": "play", "who": "add", "how": "add", "overwrite": "play"}
+ASKED = ("check", "play", "add", "gaps")
+WITH = {
+    "vmas": ("check",),
+    "out": ("play", "gaps"),
+    "who": ("add",),
+    "how": ("add",),
+    "overwrite": ("play", "gaps"),
+}
 
 
 def _check_apart(options: Best) -> None:
     """Raise InputError if options do not go together."""
-    asked = [name for name in ("check", "play", "add") if getattr(options, name)]
+    asked = [name for name in ASKED if getattr(options, name)]
     if len(asked) > 1:
-        raise InputError(f"choose one of --check, --play and --add, got --{' and --'.join(asked)}")
+        ways = f"{', '.join(f'--{name}' for name in ASKED[:-1])} and --{ASKED[-1]}"
+        raise InputError(f"choose one of {ways}, got --{' and --'.join(asked)}")
     for name, needs in WITH.items():
-        if getattr(options, name) and needs not in asked:
-            raise InputError(f"--{name} goes with --{needs}")
-    if options.lengths and asked and asked != ["check"]:
-        raise InputError(f"--lengths goes with the table and --check, not with --{asked[0]}")
+        if getattr(options, name) and not set(needs) & set(asked):
+            raise InputError(f"--{name} goes with --{' or --'.join(needs)}")
+    if options.lengths and asked in (["play"], ["add"]):
+        raise InputError(
+            f"--lengths goes with the table, --check and --gaps, not with --{asked[0]}"
+        )
 
 
 def _lengths(text: str) -> list[int]:
@@ -142,6 +160,29 @@ def _check(known: dict[int, "Found"], in_vmas: bool) -> int:
             about = f", missed: {', '.join(map(str, wrong))}" if wrong else ""
             print(f"{length} units: {len(found) - len(wrong)} of {len(found)} in {name}{about}")
     return 1 if missed else 0
+
+
+def _gaps(options: Best, known: dict[int, "Found"], folder: Path) -> int:
+    """Writes what the solutions of each start need beside the bound."""
+    out = check_out(options.out, GAPS_SUFFIXES, "best --gaps")
+    if not options.overwrite:
+        check_new(out)
+    some = {length: found for length, found in known.items() if found}
+    if not some:
+        raise InputError(f"no solution is known in {folder}: there are no gaps to write")
+    import pandas as pd
+
+    from salpchain.evaluation.best.table import each_start
+    from salpchain.report.gaps import gaps_picture
+
+    gaps = pd.concat([each_start(length, found, folder) for length, found in some.items()])
+    with writing(out):
+        if out.suffix == ".csv":
+            write_text(out, gaps.to_csv(index=False, float_format="%g"))
+        else:
+            gaps_picture(gaps, out)
+    print(f"wrote {out}")
+    return 0
 
 
 def _in_engine(length: int, found: "Found") -> list[int]:

@@ -5,6 +5,7 @@ import shutil
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 from salpchain.cli.main import run
@@ -161,7 +162,11 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
 
 BAD = [
     (["--who", "me"], "--who goes with --add"),
-    (["--check", "--play", "2", "0"], "choose one of --check, --play and --add"),
+    (["--check", "--play", "2", "0"], "choose one of --check, --play, --add and --gaps"),
+    (["--gaps"], "--gaps needs --out, a file that ends in .png"),
+    (["--gaps", "--out", "gaps.pdf"], "--out must end in .png or .csv"),
+    (["--out", "gaps.png"], "--out goes with --play or --gaps"),
+    (["--play", "2", "0", "--lengths", "2"], "--lengths goes with the table, --check and --gaps"),
     (["--lengths", "5"], "length must be one of 2, 3, 4"),
     (["--play", "2"], "needs a length and the number of a start"),
     (["--play", "2", "100"], "start must be a whole number, 0 to 99, got 100"),
@@ -184,6 +189,28 @@ def test_the_table_has_a_line_for_each_length(folder, capsys):
     two, four = [line.split() for line in capsys.readouterr().out.splitlines()[-2:]]
     assert two[:2] == ["2", "100"] and 0 < float(two[4]) <= 1 <= float(two[5])
     assert four == ["4", "0", "-", "-", "-", "-"]
+
+
+def test_the_gaps_are_written_as_a_picture_and_as_a_table(folder, capsys):
+    words = ["best", "--folder", str(folder), "--lengths", "2,4", "--gaps", "--out"]
+    picture, csv = str(folder / "gaps.png"), str(folder / "gaps.csv")
+    assert run([*words, picture]) == 0
+    assert (folder / "gaps.png").read_bytes().startswith(b"\x89PNG")
+    assert run([*words, csv]) == 0
+    gaps, known = pd.read_csv(csv), solutions.load(SHORT, folder)
+    assert (gaps["length"] == SHORT).all() and list(gaps["start"]) == list(known)
+    assert list(gaps["best"]) == [known[start].steps for start in known]
+    assert list(gaps["bound"]) == list(table.bounds(SHORT))
+    missed = gaps["any_length"].isna()
+    assert list(gaps["any_length"].fillna(0)) == table.reference(SHORT, folder)
+    assert missed.sum() < len(gaps) / 2
+    assert run([*words, csv]) == 2 and "--overwrite" in capsys.readouterr().err
+
+
+def test_no_gaps_are_written_where_nothing_is_known(tmp_path, capsys):
+    out = tmp_path / "gaps.png"
+    assert run(["best", "--folder", str(tmp_path), "--gaps", "--out", str(out)]) == 2
+    assert "no solution is known" in capsys.readouterr().err and not out.exists()
 
 
 def test_the_check_finds_a_solution_that_is_none(folder, capsys):

@@ -6,6 +6,7 @@ from functools import cache
 import equinox as eqx
 import jax
 import numpy as np
+import pandas as pd
 from jaxtyping import Array, Int
 
 from salpchain import given
@@ -55,15 +56,33 @@ def row(length: int, found: Found, folder: StrPath = starts.FOLDER) -> Row:
     Raises:
         InputError: the steps of any-length are damaged.
     """
-    numbers = sorted(found)
-    if not numbers:
+    if not found:
         return Row(length, 0, None, None, None, None)
-    best = np.array([found[number].steps for number in numbers])
-    least, policy = bounds(length)[numbers], np.array(reference(length, folder))[numbers]
-    there = policy > 0
-    over = float(np.median(policy[there] / best[there])) if there.any() else None
+    gaps = each_start(length, found, folder)
+    best, least, policy = gaps[["best", "bound", "any_length"]].to_numpy(float).T
+    over = float(np.nanmedian(policy / best)) if np.isfinite(policy).any() else None
     medians = float(np.median(best)), float(np.median(least)), float(np.median(least / best))
-    return Row(length, len(numbers), *medians, over)
+    return Row(length, len(found), *medians, over)
+
+
+def each_start(length: int, found: Found, folder: StrPath = starts.FOLDER) -> pd.DataFrame:
+    """A row for each start that has a solution: `length`, `start`, and in control steps `best`,
+    `bound` and `any_length` (NaN where it misses the target).
+
+    Raises:
+        InputError: the steps of any-length are damaged.
+    """
+    numbers = sorted(found)
+    policy = np.array(reference(length, folder), float)[numbers]
+    return pd.DataFrame(
+        {
+            "length": length,
+            "start": numbers,
+            "best": [found[number].steps for number in numbers],
+            "bound": bounds(length)[numbers],
+            "any_length": np.where(policy > 0, policy, np.nan),
+        }
+    )
 
 
 def reference(length: int, folder: StrPath = starts.FOLDER) -> list[int]:
