@@ -27,12 +27,18 @@ class Problem(NamedTuple):
     links: Motion
     rest_angle: Float[Array, "link 2 swim"]
     present: Bool[Array, "unit swim"]
+    live: Bool[Array, "unit swim"]  # whose thrusters push
     target: Float[Array, "2 unit swim"]
     horizon: Int[Array, " swim"]
 
 
-def problem(chains: Chain, target: Float[Array, "swim unit 2"], horizon: np.ndarray) -> Problem:
-    """The problem of chains at rest, the swim first."""
+def problem(
+    chains: Chain,
+    target: Float[Array, "swim unit 2"],
+    horizon: np.ndarray,
+    live: Bool[Array, "swim unit"] | None = None,
+) -> Problem:
+    """The problem of chains at rest, the swim first; all thrusters push if not said otherwise."""
 
     def motion(bodies: Any) -> Motion:
         place, speed = (
@@ -45,7 +51,9 @@ def problem(chains: Chain, target: Float[Array, "swim unit 2"], horizon: np.ndar
         map(motion, (chains.units, chains.links)),
         jnp.moveaxis(chains.rest_angle, 0, -1),
     )
-    return Problem(*bodies, angle, chains.present.T, there, jnp.asarray(horizon))
+    present = chains.present.T
+    pushing = present if live is None else present & live.T
+    return Problem(*bodies, angle, present, pushing, there, jnp.asarray(horizon))
 
 
 def ends(task: Problem, thrusts: Float[Array, "step unit swim"]) -> Float[Array, "2 unit swim"]:
@@ -56,7 +64,7 @@ def ends(task: Problem, thrusts: Float[Array, "step unit swim"]) -> Float[Array,
     def advance(now: tuple[Motion, Motion], thrust: Array) -> tuple[Any, Array]:
         units, links = now
         across = jnp.stack([-jnp.sin(units.angle), jnp.cos(units.angle)])
-        push = Load(jnp.where(task.present, thrust, 0.0) * across, jnp.zeros_like(units.angle))
+        push = Load(jnp.where(task.live, thrust, 0.0) * across, jnp.zeros_like(units.angle))
         moved = run_substeps(rig, units, links, push, None)
         return (moved.units, moved.links), moved.units.position
 

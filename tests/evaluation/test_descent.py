@@ -35,6 +35,22 @@ def test_where_it_ends_is_where_the_engine_ends_at_each_horizon(posed):
             assert (off[:, length:, swim] == 0).all()
 
 
+def test_a_dead_unit_pushes_nothing_and_its_thrust_is_left_alone(posed):
+    chains, targets, thrusts = posed
+    live = np.array([[True, False, True], [False, True, True], [True, True, True]])
+    full = np.full(len(PLACES), STEPS)
+    task = descent.problem(chains, targets, full, jnp.asarray(live))
+    silent = jnp.where(live.T, thrusts, 0.0)
+    plain = descent.ends(descent.problem(chains, targets, full), silent)
+    np.testing.assert_array_equal(descent.ends(task, thrusts), plain)
+    assert (
+        np.asarray(descent.ends(descent.problem(chains, targets, full), thrusts)) != plain
+    ).any()
+    after, _, _ = descent.sooner(task, thrusts, jnp.full(3, 0.2))
+    changed = np.asarray(after != thrusts).any(axis=0)  # (unit, swim)
+    assert not changed[~live.T].any() and changed[0, 0] and changed[1, 1]
+
+
 def test_a_step_comes_nearer_within_its_trust_and_leaves_what_is_there(posed):
     chains, targets, thrusts = posed
     near = targets.at[2].set(chains.units.position[2])  # the third may stay where it is
