@@ -30,7 +30,7 @@ from studies import program, train_or_go_on
 
 LENGTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128)
 TRIALS = 200
-SUITE_TRIALS = 40  # of each cell: a fifth of what the suite asks for
+SUITE_TRIALS = 100  # of each cell: half of what the suite asks for
 SUITE_LENGTHS = (4, 8, 16, 32)  # 64 units take three times as long as all of these
 SUITES_OF = {"any-water": "sea"}
 JOINED = {"any-water": 1}  # the run whose network is for units whose jets push both ways
@@ -69,11 +69,16 @@ ONE_WAY = {
 }
 
 
+# How often an episode has 2, 3, ..., 16 units.
+MORE_OF_LONG = tuple(map(float, (4, 4, 4, 4, 4, 5, 6, 8, 10, 12, 14, 17, 20, 23, 26)))
+
+
 def any_water(runs: Path) -> Iterator[TrainConfig]:
     """Two networks, both `gcn` on `mixed`: `any_length` made hardy, and one for one-way jets.
 
     The first run goes on from `any-length` with one or a few troubles in each episode. The others
-    learn jets that push one way: short chains several times as soon, and longer ones from them.
+    learn jets that push one way: short chains several times as soon, and longer ones from them, the
+    last run with a third of its episodes at 14 to 16 units.
     """
     hardy = {
         "start": "any-length",
@@ -93,6 +98,9 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
     nearer = {"start": str(runs / "any-water-3"), "task.tolerance": 0.03, "steps": 16_000_000}
     nearer |= {**rates, "ppo.minibatch": 2048, "mix.weights": hardy["mix.weights"]}
     yield preset(length="2..16", settings={**ONE_WAY, **nearer})
+    last = {"start": str(runs / "any-water-4"), "task.tolerance": 0.035, "steps": 20_000_000}
+    last |= {"ppo.gamma": 0.9985, "ppo.learning_rate": 1.5e-3, "ppo.minibatch": 2048}
+    yield preset(length="2..16", settings={**ONE_WAY, **last, "mix.weights": MORE_OF_LONG})
 
 
 def any_length_landsalp() -> TrainConfig:
