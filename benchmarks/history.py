@@ -13,6 +13,7 @@ import csv
 import io
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -116,6 +117,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.rounds < 1:
         raise InputError(f"--rounds must be 1 or more, got {options.rounds}")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # folders are taken away all the same
     commits = [commit_of(options.against), commit_of("HEAD")]
     with checked_out(commits[0]) as old, checked_out(commits[1]) as new:
         before, after = in_turn([old, new], options.rounds)
