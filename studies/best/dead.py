@@ -5,8 +5,9 @@ python -m studies.best.dead [UNITS] [TRIALS] [STEPS] [ROUNDS]
 Plays the policy in the cell `dead`, grade `hard`, of the suite `sea` (8 units, 200 trials),
 takes up to `SWIMS` trials that it missed, and looks for thrusts that bring all units near their
 target points at control step STEPS (256), from what the policy did, by ROUNDS (24) Gauss-Newton
-steps through the engine (`descent.sooner`, contact left out). What is found says that it can be
-done; what is not found says nothing.
+steps through the engine (`descent.sooner`, contact left out). The thrusts are then replayed in the
+task itself, contact counted. What is found there says that it can be done; what is not found says
+nothing.
 """
 
 import sys
@@ -35,8 +36,8 @@ DEFAULTS = 8, 200, 256, 24  # units, trials, control steps, rounds
 MOST = 4096  # of any of them
 
 
-def missed(units: int, trials: int) -> tuple[Task, np.ndarray]:
-    """The task in that cell, and the numbers of the trials in which the policy missed."""
+def played(units: int, trials: int) -> tuple[Task, Bool[np.ndarray, " trial"]]:
+    """The task in that cell, and in which trials the policy takes its target."""
     cell = next(c for c in suite("sea").cells(units) if (c.trouble, c.grade) == ("dead", "hard"))
     (world,) = cell.worlds.values()
     policy = controller(POLICY)
@@ -44,7 +45,7 @@ def missed(units: int, trials: int) -> tuple[Task, np.ndarray]:
     env = domain_for([policy], units, LIMIT, world)
     success = frame["success"].to_numpy(bool)
     print(f"{POLICY} takes {success.sum()} of {trials} targets with half of {units} units dead")
-    return env, np.flatnonzero(~success)[:SWIMS]
+    return env, success
 
 
 def swum(env: Task, states: State, steps: int) -> Array:
@@ -57,6 +58,26 @@ def swum(env: Task, states: State, steps: int) -> Array:
 
     thrusts = jax.jit(lambda begun: jax.lax.scan(advance, begun, None, steps)[1])(states)
     return jnp.moveaxis(thrusts, 1, -1)
+
+
+def replayed(env: Task, states: State, thrusts: Array) -> Bool[np.ndarray, " swim"]:
+    """Which swims take their target in the task under these thrusts, (step, unit, swim)."""
+
+    def advance(now: tuple[State, Array], thrust: Array) -> tuple[tuple[State, Array], None]:
+        after = jax.vmap(env.step)(now[0], thrust.T[..., None])
+        return (after, now[1] | after.goal), None
+
+    never = jnp.zeros(thrusts.shape[-1], bool)
+    end = jax.jit(lambda begun: jax.lax.scan(advance, (begun, never), thrusts)[0][1])
+    return np.asarray(end(states))
+
+
+def tell(what: str, rows: np.ndarray, which: Bool[np.ndarray, " swim"]) -> None:
+    """Prints how many there are by how many units at an end are dead."""
+    shares = [
+        f"{row} dead {which[rows == row].sum()} of {(rows == row).sum()}" for row in np.unique(rows)
+    ]
+    print(f"{what}, by the units in a row that are dead at an end: {', '.join(shares)}")
 
 
 def dead_ends(live: Bool[np.ndarray, " unit"]) -> int:
@@ -72,12 +93,16 @@ def main() -> None:
         raise InputError(f"UNITS, TRIALS, STEPS and ROUNDS must be 1 to {MOST}, got {words}")
     units, trials, steps, rounds = (*map(int, words), *DEFAULTS[len(words) :])
     use_devices(1)
-    env, numbers = missed(units, trials)
+    env, success = played(units, trials)
+    keys = start_keys(SEED, units, jnp.arange(trials))
+    begun = jax.jit(jax.vmap(lambda key: env.reset(key, jnp.int32(units))))(keys)
+    live = begun.world.thrusters.gain > 0
+    rows = np.array([dead_ends(one[:units]) for one in np.asarray(live)])
+    tell(f"taken by {POLICY}", rows, success)
+    numbers = np.flatnonzero(~success)[:SWIMS]
     if not len(numbers):
         return
-    keys = start_keys(SEED, units, jnp.asarray(numbers))
-    states = jax.jit(jax.vmap(lambda key: env.reset(key, jnp.int32(units))))(keys)
-    live = states.world.thrusters.gain > 0
+    states, live, rows = jax.tree.map(lambda x: x[numbers], (begun, live, rows))
     task = problem(states.chain, states.target, np.full(len(numbers), steps), live)
     thrusts, trust = swum(env, states, steps), jnp.full(len(numbers), TRUST)
     for number in range(rounds):
@@ -85,9 +110,8 @@ def main() -> None:
         farthest = jnp.sqrt((ends(task, thrusts) ** 2).sum(axis=0)).max(axis=0)
         there = np.asarray(farthest) < GOAL_LIMIT
         print(f"round {number + 1}: {there.sum()} of {len(there)} there", flush=True)
-    rows = np.array([dead_ends(one[:units]) for one in np.asarray(live)])
-    for row in np.unique(rows):
-        print(f"{row} dead at an end: {there[rows == row].sum()} of {(rows == row).sum()}")
+    tell("taken by the thrusts found", rows, there)
+    tell("and in the task itself", rows, replayed(env, states, thrusts))
 
 
 if __name__ == "__main__":

@@ -78,7 +78,7 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
 
     The first run goes on from `any-length` with one or a few troubles in each episode. The others
     learn jets that push one way: short chains several times as soon, and longer ones from them, the
-    last run with a third of its episodes at 14 to 16 units.
+    last run with 43 % of its episodes at 14 to 16 units.
     """
     hardy = {
         "start": "any-length",
