@@ -148,7 +148,8 @@ class Scenario(BaseScenario):
         now = potentials(position, self._target)
         self._goal = reached(position, self._target, self.config.tolerance)
         approach, fine = self._approach - now[0], self._fine - now[1]
-        self._reward = approach + self._goal.float() + self.config.fine_weight * fine
+        earned = approach + self._goal.float() + self.config.fine_weight * fine
+        self._reward = earned - self.config.time_weight
         self._approach, self._fine = now
         self._seen = None
         if self._worlds is not None:

@@ -34,6 +34,7 @@ class TaskConfig:
     fence: bool = False  # clamp to abs(x), abs(y) <= length / 4 m and end there
     contact: bool = True  # units collide
     fine_weight: float = 0.0  # of the shaping term; 0 is the paper's reward
+    time_weight: float = 0.0  # what each control step costs; 0 is the paper's reward
     folded: float = 0.0  # share of episodes that start from a folded chain; 0 is the paper's
     stalled: float = 0.0  # share that starts on the target with a part folded back; likewise
     tolerance: float = GOAL_LIMIT  # m, Frechet distance at which the target pose is taken
@@ -49,10 +50,10 @@ class TaskConfig:
         for name in ("fence", "contact"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} must be True or False, got {told(getattr(self, name))}")
-        if not (is_number(self.fine_weight) and 0 <= self.fine_weight < inf):
-            raise InputError(
-                f"fine_weight must be a number, 0 or more, got {told(self.fine_weight)}"
-            )
+        for name in ("fine_weight", "time_weight"):
+            weight = getattr(self, name)
+            if not (is_number(weight) and 0 <= weight < inf):
+                raise InputError(f"{name} must be a number, 0 or more, got {told(weight)}")
         for name in ("folded", "stalled"):
             share = getattr(self, name)
             if not (is_number(share) and 0 <= share <= 1):

@@ -279,12 +279,13 @@ class Task(eqx.Module):
         return _with_present(moved, state.chain.present), thrust, fence
 
     def _reward(self, terms: Terms) -> Float[Array, ""]:
-        """The weighted sum of the terms, in the order of the weights."""
+        """The weighted sum of the terms, in the order of the weights, less what time costs."""
         total = None
         for name, weight in self.weights.items():
             term = terms[name] if weight == 1.0 else weight * terms[name]
             total = term if total is None else total + term
-        return jnp.zeros(()) if total is None else total
+        total = jnp.zeros(()) if total is None else total
+        return total - self.config.time_weight if self.config.time_weight else total
 
     def _sense(
         self, chain: Chain, senses: Senses | None, target: Array, force: Array, around: Around

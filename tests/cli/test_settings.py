@@ -24,6 +24,7 @@ VALUES = {
     "task.fence": ("true", True, (), "high"),
     "task.contact": ("False", False, (), "0.5"),
     "task.fine_weight": ("0.25", 0.25, (), "-1"),
+    "task.time_weight": ("0.02", 0.02, (), "-1"),
     "task.folded": ("0.1", 0.1, (), "1.5"),
     "task.stalled": ("0.2", 0.2, (), "2"),
     "task.tolerance": ("0.03", 0.03, (), "0"),

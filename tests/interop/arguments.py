@@ -16,7 +16,13 @@ from salpchain.interop.torchrl import SalpTorchEnv
 from salpchain.interop.vmas import make_env, make_torchrl_env
 
 TASK = {"length": 3, "observation": "proximity", "action": "thrust", "contact": False}
-TASK |= {"tolerance": 0.1, "fine_weight": 0.5, "time_limit": "scaled", "world": "current"}
+TASK |= {
+    "tolerance": 0.1,
+    "fine_weight": 0.5,
+    "time_weight": 0.01,
+    "time_limit": "scaled",
+    "world": "current",
+}
 PLAIN = {"length": 3, "observation": "proximity", "contact": False}
 
 

@@ -64,7 +64,9 @@ def compared(domain):
     def judge(chain, target, force, before):
         now, goal = distances(chain, target), reached(chain, target)
         terms = reward_terms(before, now, goal)
-        reward = terms["approach"] + terms["goal"] + domain.config.fine_weight * terms["fine"]
+        config = domain.config
+        reward = terms["approach"] + terms["goal"] + config.fine_weight * terms["fine"]
+        reward -= config.time_weight
         return domain.observe(chain, target, force), reward, goal, now
 
     return jax.jit(jax.vmap(judge))
@@ -80,7 +82,8 @@ def pushes(rng, env, steps):
     ("observation", "action", "fence"), [("body", "pair", False), ("table1", "thrust", True)]
 )
 def test_observations_rewards_and_dones_are_ours_on_the_same_states(observation, action, fence):
-    env = environment(observation=observation, action=action, fence=fence, fine_weight=0.5)
+    weights = {"fine_weight": 0.5, "time_weight": 0.02}
+    env = environment(observation=observation, action=action, fence=fence, **weights)
     scenario, domain = env.scenario, SCLD(env.scenario.config)
     if fence:  # a chain about to touch it
         shift = scenario._fence - 1e-4 - scenario.chains().position[1, :, 0].max()

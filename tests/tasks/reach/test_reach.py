@@ -11,6 +11,8 @@ import pytest
 
 from salpchain.errors import InputError
 from salpchain.tasks.config import GOAL_LIMIT, TaskConfig, step_limit
+from salpchain.tasks.follow.config import FollowConfig
+from salpchain.tasks.follow.task import Follow
 from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.renew import renew_done
 
@@ -55,6 +57,16 @@ def test_the_reward_is_the_decrease_of_the_mean_distance_and_one_at_the_goal():
         total += float(state.reward)
     closed = float(state.start_distance) * float(state.closed_fraction)
     assert total == pytest.approx(closed, abs=1e-5)
+
+
+@pytest.mark.parametrize(("task", "config"), [(SCLD, TaskConfig), (Follow, FollowConfig)])
+def test_a_control_step_costs_the_time_weight_whatever_the_task(task, config):
+    rewards = []
+    for weight in (0.0, 0.25):
+        env = task(config(length=4, contact=False, time_weight=weight))
+        state = jax.jit(env.reset)(jr.key(0))
+        rewards.append(float(jax.jit(env.step)(state, still(4)).reward))
+    assert rewards[1] == pytest.approx(rewards[0] - 0.25, abs=1e-6)
 
 
 @pytest.mark.parametrize(("offset", "goal"), [(0.0512, True), (0.0514, False)])
@@ -150,7 +162,7 @@ def test_the_shortest_and_the_longest_chain_swim(length):
     {"length": 1}, {"length": 1025}, {"observation": "sonar"},
     {"action": "push"}, {"time_limit": "never"}, {"fine_weight": -1.0},
     {"fine_weight": float("inf")}, {"fine_weight": float("nan")}, {"tolerance": 0.0},
-    {"most_steps": -1}, {"most_steps": True},
+    {"most_steps": -1}, {"most_steps": True}, {"time_weight": -0.1}, {"time_weight": float("nan")},
 ])  # fmt: skip
 def test_a_task_that_cannot_be_is_refused_with_one_line(settings):
     with pytest.raises(InputError) as error:
