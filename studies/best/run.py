@@ -6,11 +6,12 @@ LENGTHS are units such as 2,3,4 (default: all); each round improves each length 
 is found is written after it, so that it may be stopped at any time: the same command goes on.
 FOLDER holds the solutions (default: those that come with the package). Begin it with `nice -n 10`.
 
-A length of which nothing is known begins with the swims of any-length. After that, each attempt
-takes the thrusts that are known, squeezes them into fewer steps, shakes them, and brings the units
-to their target points at the last step (`descent.sooner`). Every start has a horizon of its own,
-which gets shorter after a success and nearer to what is known after a failure, and never below what
-physics allows (`turning.fewest_steps_turning`).
+A length of which nothing is known begins with the swims of any-length, and starts that it misses
+with those of other policies. After that, each attempt takes the thrusts that are known, or those of
+some policy, squeezes them into fewer steps, shakes them, and brings the units to their target
+points at the last step (`descent.sooner`). Every start has a horizon of its own, which gets shorter
+after a success and nearer to what is known after a failure, and never below what physics allows
+(`turning.fewest_steps_turning`).
 """
 
 import sys
@@ -44,7 +45,9 @@ from studies.best.descent import problem, sooner
 
 POLICY = "any-length"
 WHO = "salpchain"
-HOW = "Gauss-Newton steps through the engine, from any-length"
+HOW = "Gauss-Newton steps through the engine, from swims of policies"
+GUIDES = ("any-length", "any-length-1", "any-water", "paper-gt-16", "paper-gcn-16")
+OTHER = 0.5  # share of attempts that begin with the swim of a guide (chosen)
 NEARER = 0.043  # m, goal of swims that miss the task's when they are replayed (chosen)
 LOOKS, BETWEEN = 3, 4  # at what an attempt has found, and steps between two (chosen)
 TRUST = 0.3  # N, by which the first step changes thrusts at most (chosen)
@@ -79,12 +82,12 @@ def steered(policy: Any, env: SCLD, chains: Chain, targets: Array) -> Swim:
     return episodes.play(one, Swim(states, thrusts), memory, jnp.int32(limit))[0]
 
 
-def begin(
-    places: list[Place], slots: int, tolerance: float
-) -> tuple[dict[int, Found], dict[int, list[int]]]:
-    """What the released policy does from some starts, by length: its solutions, and the steps that
-    it takes (0 where it fails) until all units are within the tolerance (m)."""
-    policy = controller(POLICY)
+def swims_of(
+    name: str, places: list[Place], slots: int, tolerance: float = GOAL_LIMIT
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """The thrusts (N) of a policy from some starts, (step, unit), and the steps that it takes (0
+    where it fails) until all units are within the tolerance (m)."""
+    policy = controller(name)
     task = policy.card.task(slots, tolerance=tolerance, most_steps=step_limit("scaled", slots))
     end = steered(policy, SCLD(task), *poses(places, slots))
     goal, times, thrusts = map(np.asarray, (end.state.goal, end.state.time, end.thrusts))
@@ -92,11 +95,19 @@ def begin(
         one[: max(taken, 1), :length]
         for one, taken, (length, _) in zip(thrusts, times, places, strict=True)
     ]
+    return swims, np.where(goal, times, 0)
+
+
+def begin(
+    name: str, places: list[Place], slots: int, tolerance: float
+) -> tuple[dict[int, Found], dict[int, list[int]]]:
+    """What a policy does from some starts: its solutions by length, and the steps that it takes."""
+    swims, taken = swims_of(name, places, slots, tolerance)
     found: dict[int, Found] = {length: {} for length, _ in places}
-    take(found, places, swims, f"the swim of {POLICY}")
+    take(found, places, swims, f"the swim of {name}")
     steps: dict[int, list[int]] = {length: [] for length in found}
-    for (length, _), there, taken in zip(places, goal, times, strict=True):
-        steps[length].append(int(taken) if there else 0)
+    for (length, _), count in zip(places, taken, strict=True):
+        steps[length].append(int(count))
     return found, steps
 
 
@@ -107,16 +118,17 @@ def begin_all(lengths: list[int], folder: Path) -> None:
         fresh = [n for n in own if not path_of(n, folder).exists()]
         if fresh:
             every = [(n, start) for n in fresh for start in range(STARTS)]
-            found, steps = begin(every, slots, GOAL_LIMIT)
+            found, steps = begin(POLICY, every, slots, GOAL_LIMIT)
             for n in fresh:
                 save_reference(n, steps[n], identity(controller(POLICY)), folder)
                 solutions.keep(n, found[n], folder)
-        known = {n: solutions.load(n, folder) for n in own}
-        missing = [(n, start) for n in own for start in range(STARTS) if start not in known[n]]
-        if missing:
-            found, _ = begin(missing, slots, NEARER)
-            for n in found:
-                solutions.keep(n, found[n], folder)
+        for name in GUIDES:
+            known = {n: solutions.load(n, folder) for n in own}
+            missing = [(n, start) for n in own for start in range(STARTS) if start not in known[n]]
+            if missing:
+                found, _ = begin(name, missing, slots, NEARER)
+                for n in found:
+                    solutions.keep(n, found[n], folder)
 
 
 def take(
@@ -150,9 +162,13 @@ def shaken(thrusts: np.ndarray, size: float, random: np.random.Generator) -> np.
 
 
 def attempt(
-    found: dict[int, Found], places: list[Place], least: np.ndarray, shares: np.ndarray
+    found: dict[int, Found],
+    places: list[Place],
+    least: np.ndarray,
+    shares: np.ndarray,
+    guides: list[list[np.ndarray]],
 ) -> np.ndarray:
-    """One attempt at all of these starts; which got better."""
+    """One attempt at all of these starts, from what is known or a guide does; which got better."""
     random, slots = np.random.default_rng(), max(length for length, _ in places)
     known = [found[length][number] for length, number in places]
     steps = np.array([one.steps for one in known])
@@ -161,7 +177,9 @@ def attempt(
     horizons = np.maximum(horizons, np.minimum(least, room)).astype(int)
     thrusts = np.zeros((room, slots, len(places)), np.float32)
     for i, (one, end) in enumerate(zip(known, horizons, strict=True)):
-        guess = shaken(squeezed(one.newtons, end), random.choice(NOISE), random)
+        from_guide = guides and random.random() < OTHER
+        begun = guides[random.integers(len(guides))][i] if from_guide else one.newtons
+        guess = shaken(squeezed(begun, end), random.choice(NOISE), random)
         thrusts[:end, : guess.shape[1], i] = guess
     task = problem(*poses(places, slots), horizons)
     pushes, trust = jnp.asarray(thrusts), jnp.full(len(places), TRUST)
@@ -181,9 +199,12 @@ def improve(group: tuple[int, ...], rounds: int, folder: Path) -> None:
     places = [(length, number) for length in group for number in sorted(found[length])]
     least = np.array([bounds(length)[number] for length, number in places])
     shares = np.full(len(places), SHORTER[1])
+    guides = [swims_of(name, places, max(group))[0] for name in GUIDES]
+    for name, swims in zip(GUIDES, guides, strict=True):
+        take(found, places, swims, f"the swim of {name}")
     for number in range(rounds):
         began = time.monotonic()
-        better = attempt(found, places, least, shares)
+        better = attempt(found, places, least, shares, guides)
         shares = np.clip(np.where(better, shares, 0.7 * shares), *SHORTER)
         found = {length: solutions.keep(length, found[length], folder) for length in group}
         steps = np.array([found[length][start].steps for length, start in places])
