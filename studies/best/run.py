@@ -33,9 +33,9 @@ from salpchain.errors import InputError
 from salpchain.evaluation import episodes
 from salpchain.evaluation.best import solutions, starts
 from salpchain.evaluation.best.play import MARGIN, SLOTS, Place, poses, replay
-from salpchain.evaluation.best.solutions import QUANTA, Found, Solution, path_of, quantised
+from salpchain.evaluation.best.solutions import QUANTA, Found, Solution, quantised
 from salpchain.evaluation.best.starts import LENGTHS, STARTS
-from salpchain.evaluation.best.table import bounds, save_reference
+from salpchain.evaluation.best.table import bounds, refers_to, save_reference
 from salpchain.physics.state import Chain
 from salpchain.tasks.config import GOAL_LIMIT, step_limit
 from salpchain.tasks.reach.task import SCLD
@@ -112,15 +112,19 @@ def begin(
 
 
 def begin_all(lengths: list[int], folder: Path) -> None:
-    """Begins where nothing is known; swims that, rounded, miss by a hair go on to a nearer goal."""
+    """Begins where nothing is known; swims that, rounded, miss by a hair go on to a nearer goal.
+
+    Where any-length is another than the one whose steps are kept, its swims are looked at anew.
+    """
+    policy = identity(controller(POLICY))
     for slots in SLOTS:
         own = [n for n in lengths if n <= slots and (slots == SLOTS[0] or n > SLOTS[0])]
-        fresh = [n for n in own if not path_of(n, folder).exists()]
+        fresh = [n for n in own if not refers_to(n, policy, folder)]
         if fresh:
             every = [(n, start) for n in fresh for start in range(STARTS)]
             found, steps = begin(POLICY, every, slots, GOAL_LIMIT)
             for n in fresh:
-                save_reference(n, steps[n], identity(controller(POLICY)), folder)
+                save_reference(n, steps[n], policy, folder)
                 solutions.keep(n, found[n], folder)
         for name in GUIDES:
             known = {n: solutions.load(n, folder) for n in own}

@@ -229,3 +229,13 @@ def test_a_solution_is_played_and_drawn(folder, capsys):
     assert "goal reached after" in capsys.readouterr().out
     assert out.read_bytes().startswith(b"\x89PNG")
     assert run(words) == 2  # it is there
+
+
+def test_the_steps_of_another_any_length_do_not_stay_beside_those_of_the_new_one(tmp_path):
+    steps = list(range(100))
+    for length in (2, 4):
+        table.save_reference(length, steps, "first", tmp_path)
+    assert table.refers_to(2, "first", tmp_path) and not table.refers_to(2, "second", tmp_path)
+    table.save_reference(4, steps[::-1], "second", tmp_path)
+    assert table.refers_to(4, "second", tmp_path) and not table.refers_to(2, "second", tmp_path)
+    assert table.reference(4, tmp_path) == steps[::-1] and table.reference(2, tmp_path) == [0] * 100

@@ -100,10 +100,18 @@ def reference(length: int, folder: StrPath = starts.FOLDER) -> list[int]:
     return steps
 
 
-def save_reference(length: int, steps: list[int], identity: str, folder: StrPath) -> None:
-    """Keeps the steps of any-length, beside those of other lengths."""
+def refers_to(length: int, identity: str, folder: StrPath = starts.FOLDER) -> bool:
+    """Whether the steps that are kept for a length are those of this any-length."""
     path = given.path("folder", folder) / REFERENCE
-    kept = read_json(path)["steps"] if path.exists() else {}
+    kept = read_json(path) if path.exists() else {"identity": "", "steps": {}}
+    return kept["identity"] == identity and str(length) in kept["steps"]
+
+
+def save_reference(length: int, steps: list[int], identity: str, folder: StrPath) -> None:
+    """Keeps the steps of any-length, beside those that the same one takes at other lengths."""
+    path = given.path("folder", folder) / REFERENCE
+    kept = read_json(path) if path.exists() else {"identity": "", "steps": {}}
+    kept = kept["steps"] if kept["identity"] == identity else {}
     kept[str(length)] = steps
     ordered = dict(sorted(kept.items(), key=lambda pair: int(pair[0])))
     write_json(path, {"policy": "any-length", "identity": identity, "steps": ordered})
