@@ -1,9 +1,9 @@
 """Can a chain learn to part? python -m studies.passage.run OUT
 
-One graph network for every unit, begun with `any-length` and trained on `passage` (opening 0.25 of
+One graph network for every unit, begun with `any-length-1` and trained on `passage` (opening 0.25 of
 the chain, 8 to 16 units, walls in sight), twice: with thrusts alone, as a chain that folds and
 squeezes through, and with the action `grip`, by which units let go of each other and take hold.
-Both against `any-length` as it is and `caravan`, which parts by a hand-written plan. Writes
+Both against `any-length-1` as it is and `caravan`, which parts by a hand-written plan. Writes
 OUT/results/passage.csv, a row for each trial, and OUT/report.md. What is there is kept.
 """
 
@@ -29,9 +29,9 @@ CELLS = ((0.25, 8), (0.25, 16), (0.25, 32), (0.5, 16))  # opening in chain lengt
 TRIALS = 60
 SEED = 2028  # of the starts that judge (chosen)
 TRAINED = {"squeezing": "thrust", "gripping": "grip"}
-WRITTEN = ("any-length", "caravan")
+WRITTEN = ("any-length-1", "caravan")
 LEARNED = {
-    "start": "any-length",
+    "start": "any-length-1",
     "task.name": "passage",
     "task.opening": 0.25,
     "task.observation": "studies.passage.seen:WALLS",

@@ -9,7 +9,7 @@ that is not done: first the runs that the paper's claims need most. What lies in
 `salpchain reproduce` makes it, which draws its report at any time:
 `salpchain reproduce --preset paper --seeds 1 --out OUT`.
 
-`unfinished.tar.xz` holds the runs that were begun and are not done, with their checkpoints, so that
+`unfinished.tar.xz` holds the runs so far, those that are not done with their checkpoints, so that
 another machine goes on: `tar xJf studies/recipe/unfinished.tar.xz -C OUT` unpacks it first.
 They were made at commit 08902b8; go on with that one, for what is computed must not change.
 """
