@@ -1,7 +1,7 @@
 """Can a chain learn to part? python -m studies.passage.run OUT
 
-One graph network for every unit, begun with `any-length-1` and trained on `passage` (opening 0.25 of
-the chain, 8 to 16 units, walls in sight), twice: with thrusts alone, as a chain that folds and
+One graph network for every unit, begun with `any-length-1` and trained on `passage` (opening 0.25
+of the chain, 8 to 16 units, walls in sight), twice: with thrusts alone, as a chain that folds and
 squeezes through, and with the action `grip`, by which units let go of each other and take hold.
 Both against `any-length-1` as it is and `caravan`, which parts by a hand-written plan. Writes
 OUT/results/passage.csv, a row for each trial, and OUT/report.md. What is there is kept.
