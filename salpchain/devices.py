@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 
 import jax
 from jax.sharding import AxisType, Mesh
@@ -15,6 +16,7 @@ from salpchain.starting import check_can_compute
 AXIS = "devices"  # the mesh axis over which chains are shared out
 LOOP_OPTION = "xla_cpu_small_while_loop_byte_threshold"
 LOOP_BYTES = 10_000_000  # touched in one turn of a loop that becomes one function (chosen)
+THREADS = "NPROC"  # the environment's word to XLA for how many threads a CPU's devices share
 
 
 def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
@@ -22,9 +24,11 @@ def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
 
     On a CPU each core becomes a device of its own (several times faster than one device with many
     threads), and XLA is let compile the substep loop of the physics as one function, which it
-    otherwise does for loops over little memory alone (the environment is faster by a third). On a
-    GPU matrix products are taken in full float32. Must come before JAX's first computation; later,
-    the devices that are there are used as they are.
+    otherwise does for loops over little memory alone (the environment is faster by a third). Fewer
+    devices than cores share as many threads as they are, so that runs side by side do not split
+    their work over each other's cores (each 1.5 times as fast, measured). On a GPU matrix products
+    are taken in full float32. Must come before JAX's first computation; later, the devices that are
+    there are used as they are.
 
     Raises:
         InputError: no such number of devices, fewer than asked for, or a process that was
@@ -37,14 +41,28 @@ def use_devices(count: int | None = None, or_fewer: bool = False) -> int:
         os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()
     with contextlib.suppress(RuntimeError):  # JAX has started: its devices are what they are
         jax.config.update("jax_num_cpu_devices", count or cores())
-    check_can_compute()
-    there = jax.local_device_count()
+    with _threads(count or cores()):
+        check_can_compute()
+        there = jax.local_device_count()
     if jax.default_backend() != "cpu":
         jax.config.update("jax_default_matmul_precision", "highest")
     if count is not None and there < count and not or_fewer:
         are = f"{there} is" if there == 1 else f"{there} are"
         raise InputError(f"{count} devices were asked for, but {are} there: {_remedy(count)}")
     return min(count or there, there)
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Within, JAX starts with no more than so many threads for its CPU devices."""
+    ours = count < cores() and THREADS not in os.environ
+    if ours:
+        os.environ[THREADS] = str(count)
+    try:
+        yield
+    finally:
+        if ours:
+            del os.environ[THREADS]
 
 
 def _remedy(count: int) -> str:

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ import pytest
 
 from salpchain.controllers.storage import load
 from salpchain.devices import largest_divisor
+from salpchain.machine import cores
 from salpchain.training import trainer
 from salpchain.training.checkpoint import CHECKPOINT_FILE
 from salpchain.training.metrics import NotFiniteError
@@ -31,6 +33,19 @@ def test_four_devices_learn_what_one_does_up_to_the_order_of_sums():
     found = json.loads(done.stdout)
     assert found["learned"] > 0.1
     assert found["apart"] < 1e-8 * found["learned"]  # other minibatches: about as much as learned
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted on Linux")
+@pytest.mark.skipif(cores() < 2, reason="needs two cores")
+def test_fewer_devices_than_cores_share_as_many_threads():
+    count = (
+        "from pathlib import Path; from salpchain.devices import use_devices; use_devices(1);"
+        "import jax; jax.jit(lambda x: x @ x)(jax.numpy.ones((500, 500))).block_until_ready();"
+        "names = [x.read_text() for x in Path('/proc/self/task').glob('*/comm')];"
+        "print(sum('XLAEigen' in name for name in names))"
+    )
+    done = subprocess.run([sys.executable, "-c", count], capture_output=True, text=True)
+    assert done.stdout.strip() == "1", done.stderr
 
 
 def rows(run):
