@@ -119,7 +119,7 @@ def run(options: Train) -> int:
         print(f"{folder} is trained already: all {config.total_steps:,} steps are done")
         _advise(folder)
         return 0
-    from salpchain.cli.display import training_display
+    from salpchain.cli.train_display import training_display
     from salpchain.evaluation import impossible
     from salpchain.training.metrics import NotFiniteError
     from salpchain.training.trainer import resume, train

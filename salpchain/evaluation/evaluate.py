@@ -17,8 +17,9 @@ from salpchain.errors import InputError
 from salpchain.evaluation.config import SUMMARY_FILE, TRIALS_FILE, Lengths, as_lengths
 from salpchain.evaluation.kept import check_kept, settings
 from salpchain.evaluation.progress import Progress, telling
+from salpchain.evaluation.starts import REACH, domain_for
 from salpchain.evaluation.statistics import Summary, summarise
-from salpchain.evaluation.trials import REACH, domain_for, run_limits
+from salpchain.evaluation.trials import run_limits
 from salpchain.files import StrPath, make_writable, write_json, write_text, writing
 from salpchain.given import flag, function, path, whole
 from salpchain.starting import check_can_compute

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 
 Progress = Callable[[float, str], None]  # told the share of all work done, and what is done
+COMPILING = "compiling"  # what is done while a program is compiled
 
 _listener: ContextVar[Callable[[], None] | None] = ContextVar("compiling", default=None)
 
@@ -44,7 +45,7 @@ def telling(
         if progress:
             progress(before + part * share, f"{names}, {what}")
 
-    token = _listener.set(lambda: tell(f"compiling for {units}"))
+    token = _listener.set(lambda: tell(f"{COMPILING} for {units}"))
     try:
         yield done
     finally:

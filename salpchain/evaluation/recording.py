@@ -18,9 +18,9 @@ from salpchain.dynamics.robot import mounts_of
 from salpchain.evaluation import episodes
 from salpchain.evaluation.config import Lengths, as_lengths, lengths_as_text
 from salpchain.evaluation.progress import Progress, compiling, telling
+from salpchain.evaluation.starts import domain_for, start_keys
 from salpchain.evaluation.survey import surroundings
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.evaluation.trials import domain_for, start_keys
 from salpchain.files import StrPath
 from salpchain.given import function, whole
 from salpchain.physics.state import Bodies

@@ -19,18 +19,16 @@ from jaxtyping import Array, Float, Int, Key
 from salpchain.controllers.policy import Controller, act, begin
 from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
+from salpchain.evaluation.starts import REACH, domain_for, start_keys
 from salpchain.evaluation.suites import Cell
 from salpchain.evaluation.trials import (
-    REACH,
     UNITS_AT_ONCE,
     Progress,
     begin_one,
-    domain_for,
     for_each,
     play_out,
     share_evenly,
     shared_out,
-    start_keys,
 )
 from salpchain.switches import own_mesh
 from salpchain.tasks.config import TaskConfig

@@ -1,40 +1,34 @@
 """Trials: one episode each, from starts that are the same for every controller."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jax.random as jr
 import numpy as np
 import pandas as pd
 from jax.sharding import Mesh, NamedSharding
 from jax.sharding import PartitionSpec as Spec
 from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
-from salpchain.checks import check_length, check_seed
-from salpchain.controllers.policy import Controller, Planner
+from salpchain.checks import check_seed
+from salpchain.controllers.policy import Controller
 from salpchain.devices import AXIS, largest_divisor, mesh_of
 from salpchain.errors import InputError
 from salpchain.evaluation import episodes
-from salpchain.evaluation.config import SLOTS
 from salpchain.evaluation.difficulty import centroid, start_of
 from salpchain.evaluation.episodes import Memories
 from salpchain.evaluation.measures import Trial, measures
 from salpchain.evaluation.progress import compiling
-from salpchain.networks.config import SINGLE_LENGTH
+from salpchain.evaluation.starts import REACH, domain_for, start_keys
 from salpchain.switches import own_mesh
 from salpchain.tasks.config import TaskConfig, step_limit
-from salpchain.tasks.registry import make_task
 from salpchain.tasks.state import State
 from salpchain.tasks.task import Task
-from salpchain.world.randomise import WorldLike, as_world
+from salpchain.world.randomise import WorldLike
 
-REACH = TaskConfig()
-STREAM = 0x5C1D  # sets the starts of trials apart from every key of training (chosen)
 UNITS_AT_ONCE = 16384  # units that swim in one batch, which bounds memory (chosen)
 FEWER = 4  # the batch shrinks by this once so few trials go on (chosen)
 WORTH = 20_000_000  # steps of a unit left to compute, worth compiling a smaller batch (chosen)
@@ -143,36 +137,6 @@ def _frames(
     ]
 
 
-def domain_for(
-    controllers: Sequence[Controller],
-    length: int,
-    time_limit: str,
-    world: WorldLike = "still",
-    task: TaskConfig = REACH,
-) -> Task:
-    """The task with as many slots as the length needs, few different numbers in all.
-
-    Raises:
-        InputError: a length that a controller cannot serve, or controllers of different
-            observations or actions.
-    """
-    cards = [controller.card for controller in controllers]
-    for card in cards:
-        card.check_serves(check_length(length))
-    task.check_possible(length)
-    spoken = {(card.observation, card.action) for card in cards}
-    if len(spoken) != 1:
-        raise InputError(f"controllers must share observation and action, got {sorted(spoken)}")
-    slots = next(slots for slots in SLOTS if slots >= length)
-    if any(card.control.model in SINGLE_LENGTH for card in cards) or any(
-        isinstance(controller, Planner) for controller in controllers
-    ):  # a planner pays for each slot many times over
-        slots = length
-    observation, action = spoken.pop()
-    asked = {"length": slots, "observation": observation, "action": action}
-    return make_task(replace(task, **asked, time_limit=time_limit), as_world(world))
-
-
 def share_evenly(trials: int) -> int:
     """As many trials or a few more, so that every device gets the same number."""
     devices = min(trials, jax.local_device_count())
@@ -182,12 +146,6 @@ def share_evenly(trials: int) -> int:
 def _share(progress: Progress | None, block: int, blocks: int, share: float) -> None:
     if progress:
         progress((block + share) / blocks)
-
-
-def start_keys(seed: int, length: int, trials: Int[Array, " trial"]) -> Key[Array, " trial"]:
-    """One key for each trial number, the same whatever the controller or the other trials."""
-    root = jr.fold_in(jr.fold_in(jr.key(seed, impl="threefry2x32"), STREAM), length)
-    return jax.vmap(lambda trial: jr.fold_in(root, trial))(trials)
 
 
 def _begin(

@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 
 from salpchain.controllers.policy import Policy
+from salpchain.evaluation.starts import REACH
 from salpchain.evaluation.statistics import own_measures, share
-from salpchain.evaluation.trials import REACH, run_trials
+from salpchain.evaluation.trials import run_trials
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.registry import as_tested
 from salpchain.world.config import WorldConfig

@@ -21,8 +21,9 @@ from jaxtyping import Array, Bool
 from salpchain.controllers.named import controller
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
+from salpchain.evaluation.starts import domain_for, start_keys
 from salpchain.evaluation.suites import suite
-from salpchain.evaluation.trials import domain_for, run_trials, start_keys
+from salpchain.evaluation.trials import run_trials
 from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.tasks.state import State
 from salpchain.tasks.task import Task

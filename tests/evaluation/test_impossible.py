@@ -15,7 +15,7 @@ from salpchain.cli.main import COMMANDS
 from salpchain.controllers.policy import PolicyCard
 from salpchain.evaluation.difficulty import start_of
 from salpchain.evaluation.impossible import of_summary, of_swims, of_water, reachable_in
-from salpchain.evaluation.trials import domain_for, start_keys
+from salpchain.evaluation.starts import domain_for, start_keys
 from salpchain.interop.checks import task_of
 from salpchain.ranges import as_range
 from salpchain.tasks.config import TaskConfig

@@ -13,11 +13,12 @@ import pytest
 from salpchain.controllers.greedy import Greedy
 from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
+from salpchain.evaluation.starts import REACH, domain_for, start_keys
 from salpchain.evaluation.statistics import interval_of_mean, share
 from salpchain.evaluation.suite import run_suite
 from salpchain.evaluation.suite_trials import run_cells
 from salpchain.evaluation.suites import GRADES, SUITES, Cell, Suite, suite
-from salpchain.evaluation.trials import REACH, domain_for, run_trials, start_keys
+from salpchain.evaluation.trials import run_trials
 from salpchain.physics.state import Physics
 from salpchain.ranges import as_range
 from salpchain.report.suite import heat_map, suite_page, verdict

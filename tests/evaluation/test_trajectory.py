@@ -10,7 +10,7 @@ import pytest
 
 from salpchain import InputError, Trajectory, identity, record
 from salpchain.controllers.greedy import Greedy
-from salpchain.evaluation.trials import start_keys
+from salpchain.evaluation.starts import start_keys
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from tests.report.swims import swim

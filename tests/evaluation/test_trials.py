@@ -17,7 +17,8 @@ from salpchain.evaluation.episodes import remember
 from salpchain.evaluation.limits import reachable
 from salpchain.evaluation.progress import telling
 from salpchain.evaluation.recording import record
-from salpchain.evaluation.trials import play, run_limits, run_trials, start_keys
+from salpchain.evaluation.starts import domain_for, start_keys
+from salpchain.evaluation.trials import play, run_limits, run_trials
 from salpchain.ranges import Range
 from salpchain.tasks.config import ACTION_SIZES, TaskConfig
 from salpchain.world.config import CurrentConfig, ThrusterConfig, WorldConfig
@@ -36,7 +37,7 @@ def idle():
     return run_trials([Constant(0.0)], LENGTH, TRIALS, "fixed", SEED)[0]
 
 
-ENV = module.domain_for([Greedy()], LENGTH, "fixed")
+ENV = domain_for([Greedy()], LENGTH, "fixed")
 
 
 def begun(num):
@@ -132,7 +133,7 @@ def test_greedy_thrusts_alike_in_either_action():
     thrusts = []
     for action in ACTION_SIZES:
         greedy = Greedy(action=action)
-        env = module.domain_for([greedy], LENGTH, "fixed")
+        env = domain_for([greedy], LENGTH, "fixed")
         actions = jax.vmap(greedy.act)(alone)
         assert actions.shape[-1] == ACTION_SIZES[action]
         thrusts.append(jax.vmap(env.thrust)(alone.chain, actions))

@@ -15,8 +15,8 @@ from salpchain.errors import InputError
 from salpchain.evaluation.best import starts
 from salpchain.evaluation.best.solutions import Offer, Solution
 from salpchain.evaluation.recording import record
+from salpchain.evaluation.starts import start_keys
 from salpchain.evaluation.trajectory import Trajectory
-from salpchain.evaluation.trials import start_keys
 from salpchain.physics.chain import step
 from salpchain.physics.state import Chain, at_rest
 from salpchain.tasks.config import GOAL_LIMIT, TaskConfig
