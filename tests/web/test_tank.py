@@ -343,6 +343,11 @@ def test_posts_are_drawn_on_the_page_clear_of_the_chain(browser):
     asked = "greedy", "--world", "posts", "--seed", "1"
     with live_server(*asked) as (address, _), watched(browser, address) as page:
         until(page, "live.around && live.frames > 3 && live.chains.length")
+        page.keyboard.press("Space")
+        until(page, "live.paused")
+        epoch = page.evaluate("live.epoch")
+        page.keyboard.press("r")  # and stands where it begins
+        until(page, f"live.paused && live.epoch > {epoch} && live.chains.length")
         posts = page.evaluate("live.around.posts")
         seen = [post for post in posts if in_view(page, post)]
         assert len(posts) >= 3 and seen and page.evaluate("live.world") == "posts"
