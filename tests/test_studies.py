@@ -29,10 +29,12 @@ from salpchain.physics.state import Physics
 from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.reach.task import SCLD
 from salpchain.training.run_folder import describe
+from salpchain.training.settings import flat, preset
 from studies import failures
 from studies.bars import run as bars
 from studies.budget import run as budget
 from studies.factors import run as factors
+from studies.recipe import causes
 from studies.short import run as short
 from studies.transfer import run as transfer
 from tests.documents import ROOT
@@ -257,6 +259,9 @@ def test_a_damaged_file_of_results_is_one_line_and_stays(content, tmp_path):
         ("paper", [], "give a folder"),
         ("recipe", [], "give a folder"),
         ("recipe", ["OUT", "many"], "how many workers"),
+        ("recipe.causes", [], "give a folder"),
+        ("recipe.causes", ["OUT", "many"], "how many steps"),
+        ("recipe.causes", ["OUT", "0"], "steps must be positive"),
     ],
 )
 def test_a_program_says_what_is_wrong_in_one_line(
@@ -264,7 +269,7 @@ def test_a_program_says_what_is_wrong_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [program, *words])
-    module = import_module(f"studies.{program}.run")
+    module = import_module(f"studies.{program}" if "." in program else f"studies.{program}.run")
     with pytest.raises(SystemExit) as end:
         studies.program(program, module.main, module.__doc__)
     assert end.value.code == 2
@@ -335,6 +340,16 @@ def test_a_variant_changes_one_thing(name):
     other = settings(factors.VARIANTS[factors.AGAINST.get(name, "base")])
     changed = {key for key in own if own[key] != other[key]}
     assert changed == TOGETHER[name] if name in TOGETHER else len(changed) == 1
+
+
+@pytest.mark.parametrize(("name", "other"), [("paper", "quick"), ("quick", "paper")])
+def test_the_causes_together_are_all_that_the_presets_differ_in(name, other):
+    here, there = (flat(preset(x, length=causes.UNITS)) for x in (name, other))
+    alone = [flat(x) for preset, _, x in causes.variants(1000) if preset == name][1:]
+    changed = [{path for path in here if one[path] != here[path]} for one in alone]
+    unasked = {"preset", "steps", "evaluations"}
+    assert set.union(*changed) | unasked == {path for path in here if here[path] != there[path]}
+    assert sum(len(one - unasked) for one in changed) == len(set.union(*changed) - unasked)
 
 
 def test_a_changed_time_limit_is_another_at_the_lengths_of_training():

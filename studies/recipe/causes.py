@@ -78,9 +78,11 @@ def main() -> None:
     out, *number = sys.argv[1:] or [""]
     if not out or len(number) > 1 or not all(x.isascii() and x.isdigit() for x in number):
         raise InputError("give a folder, and how many steps: python -m studies.recipe.causes OUT")
+    steps = int(number[0]) if number else STEPS
+    list(variants(steps))  # refused before anything is written
     use_devices(1)
     make_writable(Path(out))
-    study(Path(out), int(number[0]) if number else STEPS)
+    study(Path(out), steps)
 
 
 if __name__ == "__main__":
