@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from typing import Any
 
 import jax
@@ -42,30 +43,36 @@ def on_cpu() -> bool:
     return jax.default_backend() == "cpu"
 
 
-def whole_gradient(y: Float[Array, "*rows outputs"], like: Array) -> Float[Array, "*rows outputs"]:
+def whole_gradient(
+    y: Float[Array, "*rows outputs"], like: Array, kept: bool = False
+) -> Float[Array, "*rows outputs"]:
     """`y`; within `flat_products` its gradient is worked out whole before any product with it.
 
     A weight's gradient needs that of the layer's output transposed. XLA on a CPU works it out in
     that order, along columns: where much leads to it, as behind attention, several times slower.
+    With `kept`, `y` too is worked out once there, though many operations read it.
     `like` is any array of finite numbers that all rows share, such as the weights. Elsewhere `y`
     has derivatives of both modes.
     """
     wanted = _flat.get() and on_cpu()
-    return _whole_gradient(y, like) if wanted else y
+    return _whole_gradient(y, like, kept) if wanted else y
 
 
-@jax.custom_vjp
-def _whole_gradient(y: Array, like: Array) -> Array:
-    return y
+@partial(jax.custom_vjp, nondiff_argnums=(2,))
+def _whole_gradient(y: Array, like: Array, kept: bool) -> Array:
+    return _whole(y, like) if kept else y
 
 
-def _forward(y: Array, like: Array) -> tuple[Array, Array]:
-    return y, like
+def _forward(y: Array, like: Array, kept: bool) -> tuple[Array, Array]:
+    return _whole_gradient(y, like, kept), like
 
 
-def _backward(like: Array, gradient: Array) -> tuple[Array, Array]:
-    never = jnp.isinf(like.ravel()[0])
-    return materialise(gradient, never), jnp.zeros_like(like)
+def _backward(kept: bool, like: Array, gradient: Array) -> tuple[Array, Array]:
+    return _whole(gradient, like), jnp.zeros_like(like)
+
+
+def _whole(x: Array, like: Array) -> Array:
+    return materialise(x, jnp.isinf(like.ravel()[0]))
 
 
 _whole_gradient.defvjp(_forward, _backward)

@@ -74,7 +74,7 @@ class GATv2Conv(eqx.Module):
 
         scores = whole_gradient(graph.compare(score, target, source), self.bias)
         mixed = graph.attend(scores, source)
-        return whole_gradient(mixed.reshape(x.shape[0], -1) + self.bias, self.bias)
+        return whole_gradient(mixed.reshape(x.shape[0], -1) + self.bias, self.bias, kept=True)
 
 
 class Layers(eqx.Module):
