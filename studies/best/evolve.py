@@ -6,10 +6,10 @@ Each of the 100 starts of LENGTH units has its own copy of POLICY (default: any-
 each copy's weights are shaken, the swims are played, and a copy that takes its target in fewer
 steps, or in as many but nearer to it, takes the old one's place: an evolution strategy of one
 parent and one child, whose shakes grow after a success and shrink after a failure (Rechenberg
-1973, success rule). Thrusts are rounded as solutions are, so that a swim is what will be replayed.
-Every `BETWEEN` rounds what is better than what is known is written into FOLDER (default: the
-solutions that come with the package), so that it may be stopped at any time; begun anew, it breeds
-anew.
+1973, success rule). Thrusts are rounded as solutions are, so that a swim is what will be replayed,
+and must lead to the target from a start moved by ten micrometres too (`play.holds`). Every
+`BETWEEN` rounds what is better than what is known is written into FOLDER (default: the solutions
+that come with the package), so that it may be stopped at any time; begun anew, it breeds anew.
 
 For long chains: there the engine's gradients lead nowhere (joints chatter, units touch), and a
 policy goes on correcting what has been changed before.
@@ -34,7 +34,7 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation import episodes
 from salpchain.evaluation.best import solutions, starts
-from salpchain.evaluation.best.play import MARGIN, poses
+from salpchain.evaluation.best.play import MARGIN, WOBBLE, nudged, play, poses
 from salpchain.evaluation.best.solutions import QUANTA
 from salpchain.evaluation.best.starts import LENGTHS, STARTS
 from salpchain.physics.state import Chain
@@ -48,7 +48,7 @@ HOW = "the swim of {}, its weights bred for this start"
 FIRST = 0.1  # shake, as a share of the root mean square of an array of weights (chosen)
 LARGER, SMALLER = 1.3, 0.97  # what the shake is multiplied with: one success in ten keeps it
 LEAST, MOST = 0.02, 0.5  # shake (chosen)
-BETWEEN = 20  # rounds before what is found is kept (chosen)
+BETWEEN = 10  # rounds before what is found is kept (chosen)
 
 
 class Parents(eqx.Module):
@@ -66,7 +66,7 @@ def bred(
     policy: Any, env: SCLD, chains: Chain, targets: Array, parents: Parents, key: PRNGKeyArray
 ) -> Parents:
     """The parents of the next round."""
-    weights_key, start_key = jr.split(key)
+    weights_key, start_key, moves_key = jr.split(key, 3)
     weights = mutated(parents.weights, parents.shake, weights_key)
     states = jax.vmap(env.start)(chains, targets, jr.split(start_key, len(targets)))
     first = Swim(states, jnp.zeros_like(parents.thrusts))
@@ -76,6 +76,8 @@ def bred(
     apart = jax.vmap(_apart)(end.state)
     sooner = steps < parents.steps
     better = sooner | ((steps == parents.steps) & (apart < parents.apart))
+    moved = nudged(chains, WOBBLE, moves_key)
+    better &= play(GOAL_LIMIT, moved, targets, end.thrusts, steps)[0] > 0
     shake = jnp.clip(parents.shake * jnp.where(better, LARGER, SMALLER), LEAST, MOST)
     child = Parents(weights, steps, apart, shake, end.thrusts)
 

@@ -32,7 +32,7 @@ from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation import episodes
 from salpchain.evaluation.best import solutions, starts
-from salpchain.evaluation.best.play import MARGIN, SLOTS, Place, poses, replay
+from salpchain.evaluation.best.play import MARGIN, SLOTS, Place, holds, poses, replay
 from salpchain.evaluation.best.solutions import QUANTA, Found, Solution, quantised
 from salpchain.evaluation.best.starts import LENGTHS, STARTS
 from salpchain.evaluation.best.table import bounds, refers_to, save_reference
@@ -138,16 +138,24 @@ def begin_all(lengths: list[int], folder: Path) -> None:
 def take(
     found: dict[int, Found], places: list[Place], thrusts: list[np.ndarray], how: str
 ) -> np.ndarray:
-    """Adds swims that are better than what is found; returns which were."""
+    """Adds swims that are better than what is found, and hold; returns which were."""
     exact = [quantised(one) for one in thrusts]
     pushes = [one.astype(np.float32) / QUANTA for one in exact]
     steps = replay(places, pushes, GOAL_LIMIT - MARGIN).steps
-    better = np.zeros(len(places), bool)
-    for i, (length, number) in enumerate(places):
-        known = found[length].get(number)
-        if steps[i] and (known is None or steps[i] < known.steps):
-            found[length][number] = Solution(exact[i][: steps[i]], WHO, how)
-            better[i] = True
+    known = [found[length].get(number) for length, number in places]
+    better = np.array(
+        [
+            end > 0 and (one is None or end < one.steps)
+            for end, one in zip(steps, known, strict=True)
+        ]
+    )
+    if better.any():
+        better &= holds(
+            places, [one[: max(end, 1)] for one, end in zip(pushes, steps, strict=True)]
+        )
+    for i in np.flatnonzero(better):
+        length, number = places[i]
+        found[length][number] = Solution(exact[i][: steps[i]], WHO, how)
     return better
 
 

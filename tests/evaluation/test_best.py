@@ -78,7 +78,7 @@ def test_only_what_is_better_is_kept(tmp_path):
 @pytest.mark.parametrize("length", starts.LENGTHS)
 def test_no_solution_is_faster_than_the_bound_and_all_lie_within_the_time_limit(length):
     found, least = solutions.load(length), table.bounds(length)
-    assert len(found) >= (starts.STARTS if length <= 16 else starts.STARTS - 2)
+    assert len(found) == starts.STARTS
     for number, one in found.items():
         assert least[number] <= one.steps <= max(512, 32 * length), number
 
@@ -88,6 +88,24 @@ def test_solutions_take_their_targets():
     known = [solutions.load(length)[number] for length, number in places]
     steps = play.replay(places, [one.newtons for one in known]).steps
     assert (steps > 0).all() and (steps <= [one.steps for one in known]).all()
+
+
+def test_solutions_hold_from_starts_a_hair_away_but_not_from_any():
+    places = [(4, number) for number in range(8)]
+    thrusts = [solutions.load(4)[number].newtons for number in range(8)]
+    assert play.holds(places, thrusts).all()
+    as_it_is = play.replay(places, thrusts).steps
+    np.testing.assert_array_equal(play.replay(places, thrusts, moved=1e-7).steps, as_it_is)
+    assert (play.replay(places, thrusts, moved=0.2).steps == 0).all()
+
+
+def test_a_swim_that_would_miss_on_another_machine_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(play, "WOBBLE", 0.1)  # m: stands for a chain that chatters
+    words = ["best", "--add", offer(tmp_path / "mine.npz"), "--who", "A", "--how", "by hand"]
+    assert run([*words, "--folder", str(tmp_path)]) == 2
+    told = capsys.readouterr().err
+    assert "but not from each of 8 starts" in told and told.count("\n") == 1
+    assert not (tmp_path / f"{SHORT}.safetensors").exists()
 
 
 def test_a_replay_is_what_the_task_does():

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from salpchain.controllers.policy import PolicyCard
 from salpchain.errors import InputError
@@ -25,6 +25,8 @@ from salpchain.tasks.reach.task import SCLD
 from salpchain.tasks.state import State
 
 MARGIN = 0.001  # m, closer than the goal asks that a solution must come to be added (chosen)
+WOBBLE = 1e-5  # m, by which a start is moved to see whether a swim holds (chosen)
+WOBBLES = 8  # how many such starts it must hold from (chosen)
 ROOM = 64  # control steps by which the room for thrusts grows, so that programs are shared (chosen)
 SLOTS = (8, 32)  # of compiled programs, which lengths share
 SAME = 1e-5  # m, between the stored starts and those that are drawn here
@@ -44,10 +46,12 @@ def replay(
     places: Sequence[Place],
     thrusts: Sequence[Float[np.ndarray, "_ _"]],
     tolerance: float = GOAL_LIMIT,
+    moved: float = 0.0,
 ) -> Replay:
     """Swims of thrusts (N), (step, unit), from these starts, until the goal or their last step.
 
-    `tolerance` (m) is the Frechet distance at which the target counts as taken.
+    `tolerance` (m) is the Frechet distance at which the target counts as taken. `moved` (m): by how
+    much each unit is moved at the start, at random (standard deviation along either axis).
     """
     slots = next(slots for slots in SLOTS if slots >= max(length for length, _ in places))
     longest = max(len(one) for one in thrusts)
@@ -55,12 +59,36 @@ def replay(
     for place, one in zip(room, thrusts, strict=True):
         place[: len(one), : one.shape[1]] = one
     lasts = jnp.array([len(one) for one in thrusts])
-    steps, nearest = _play(tolerance, *poses(places, slots), jnp.asarray(room), lasts)
+    chains, targets = poses(places, slots)
+    if moved:
+        chains = nudged(chains, moved, jax.random.key(len(places)))
+    steps, nearest = play(tolerance, chains, targets, jnp.asarray(room), lasts)
     return Replay(np.asarray(steps), np.asarray(nearest))
 
 
+def holds(
+    places: Sequence[Place], thrusts: Sequence[Float[np.ndarray, "_ _"]]
+) -> Bool[np.ndarray, " swim"]:
+    """Whether the same thrusts take the target from `WOBBLES` starts moved by `WOBBLE` too.
+
+    Joints that chatter and units that touch drive two swims apart that begin a hair apart. What
+    does not hold here would miss on another machine, whose last decimals differ.
+    """
+    every = [one for one in places for _ in range(WOBBLES)]
+    pushes = [one for one in thrusts for _ in range(WOBBLES)]
+    steps = replay(every, pushes, GOAL_LIMIT, WOBBLE).steps
+    return steps.reshape(len(places), WOBBLES).min(axis=1) > 0
+
+
+def nudged(chains: Chain, size: float, key: PRNGKeyArray) -> Chain:
+    """The chains with each unit moved at random by about `size` (m)."""
+    position = chains.units.position
+    moved = position + size * jax.random.normal(key, position.shape)
+    return eqx.tree_at(lambda chain: chain.units.position, chains, moved)
+
+
 @partial(jax.jit, static_argnums=0)
-def _play(
+def play(
     tolerance: float, chains: Chain, target: Array, thrusts: Array, lasts: Array
 ) -> tuple[Array, Array]:
     """Steps to the goal and nearest distance of each swim; all arrays have the swim first."""
@@ -102,7 +130,8 @@ def judged(offer: Offer) -> Offer:
     """What is offered, without the steps after the goal.
 
     Raises:
-        InputError: it does not come `MARGIN` closer to the target than the goal asks.
+        InputError: it does not come `MARGIN` closer to the target than the goal asks, or misses
+            from starts moved by ten micrometres.
     """
     thrusts = offer.solution.newtons
     found = replay([(offer.length, offer.start)], [thrusts], GOAL_LIMIT - MARGIN)
@@ -112,6 +141,12 @@ def judged(offer: Offer) -> Offer:
             f"start {offer.start} of {offer.length} units: the target is not taken within"
             f" {len(thrusts)} steps: at best a unit was {nearest:.2f} cm from its point"
             f" (all must come within {100 * (GOAL_LIMIT - MARGIN):.2f} cm)"
+        )
+    if not holds([(offer.length, offer.start)], [thrusts[:steps]])[0]:
+        raise InputError(
+            f"start {offer.start} of {offer.length} units: the target is taken in {steps} steps,"
+            f" but not from each of {WOBBLES} starts whose units are moved by ten micrometres, and"
+            " so may be missed on another machine"
         )
     return offer.shortened(steps)
 
