@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from salpchain.controllers.named import controller
-from salpchain.controllers.policy import act
+from salpchain.controllers.policy import Policy, act
 from salpchain.devices import use_devices
 from salpchain.errors import InputError
 from salpchain.evaluation import episodes
@@ -37,6 +37,7 @@ from salpchain.evaluation.best import solutions, starts
 from salpchain.evaluation.best.play import MARGIN, WOBBLE, nudged, play, poses
 from salpchain.evaluation.best.solutions import QUANTA
 from salpchain.evaluation.best.starts import LENGTHS, STARTS
+from salpchain.files import make_writable
 from salpchain.physics.state import Chain
 from salpchain.tasks.config import GOAL_LIMIT, step_limit
 from salpchain.tasks.reach.task import SCLD
@@ -114,8 +115,10 @@ def _apart(state: State) -> Float[Array, ""]:
 def evolve(length: int, rounds: int, folder: Path, name: str) -> None:
     """Breeds for some rounds, keeps what is found, and tells how far it is."""
     policy = controller(name)
-    if policy.card.action != "thrust":
-        raise InputError(f"POLICY must tell each unit its thrust, {name} does not")
+    if not isinstance(policy, Policy) or policy.card.action != "thrust":
+        raise InputError(f"POLICY must be learned and tell each unit its thrust, {name} is not so")
+    policy.card.check_serves(length)
+    make_writable(folder)
     limit = step_limit("scaled", length)
     task = policy.card.task(length, tolerance=GOAL_LIMIT - MARGIN, most_steps=limit)
     places = [(length, number) for number in range(STARTS)]

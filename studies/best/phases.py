@@ -83,7 +83,7 @@ def rows(length: int) -> list[dict[str, object]]:
 
 def main() -> None:
     """Reads the words; prints the table."""
-    (lengths,) = sys.argv[1:] or [",".join(map(str, LENGTHS))]
+    lengths = " ".join(sys.argv[1:]) or ",".join(map(str, LENGTHS))
     chosen = [int(word) for word in lengths.split(",") if word.isdecimal()]
     if lengths != ",".join(map(str, chosen)) or not set(chosen) <= set(LENGTHS):
         raise InputError(f"LENGTHS must be among {','.join(map(str, LENGTHS))}, got {lengths}")
