@@ -112,6 +112,19 @@ def _apart(state: State) -> Float[Array, ""]:
     return jnp.where(state.chain.present, off, 0.0).max()
 
 
+def begun(policy: Policy, count: int, limit: int, length: int) -> tuple[Parents, Any]:
+    """Parents for a first round, which swims as the policy does; and what of it is no weight."""
+    arrays, rest = eqx.partition(policy, eqx.is_inexact_array)
+    parents = Parents(
+        jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *x.shape)), arrays),
+        jnp.full(count, limit + 1),
+        jnp.full(count, jnp.inf),
+        jnp.zeros(count),
+        jnp.zeros((count, limit, length)),
+    )
+    return parents, rest
+
+
 def evolve(length: int, rounds: int, folder: Path, name: str) -> None:
     """Breeds for some rounds, keeps what is found, and tells how far it is."""
     policy = controller(name)
@@ -122,18 +135,12 @@ def evolve(length: int, rounds: int, folder: Path, name: str) -> None:
     limit = step_limit("scaled", length)
     task = policy.card.task(length, tolerance=GOAL_LIMIT - MARGIN, most_steps=limit)
     places = [(length, number) for number in range(STARTS)]
-    arrays, rest = eqx.partition(policy, eqx.is_inexact_array)
-    parents = Parents(
-        jax.tree.map(lambda x: jnp.broadcast_to(x, (STARTS, *x.shape)), arrays),
-        jnp.full(STARTS, limit + 1),
-        jnp.full(STARTS, jnp.inf),
-        jnp.zeros(STARTS),  # in the first round the policy as it is
-        jnp.zeros((STARTS, limit, length)),
-    )
+    (chains, targets), env = poses(places, length), SCLD(task)
+    parents, rest = begun(policy, STARTS, limit, length)
     began, words = time.monotonic(), HOW.format(name)
     for number in range(rounds + 1):
         key = jr.fold_in(jr.key(time.time_ns() % 2**31), number)
-        parents = bred(rest, SCLD(task), *poses(places, length), parents, key)
+        parents = bred(rest, env, chains, targets, parents, key)
         if number == 0:
             parents = eqx.tree_at(lambda one: one.shake, parents, jnp.full(STARTS, FIRST))
         if number % BETWEEN == 0 or number == rounds:

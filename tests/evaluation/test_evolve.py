@@ -3,7 +3,6 @@
 from itertools import pairwise
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
@@ -13,7 +12,7 @@ from salpchain.controllers.named import controller
 from salpchain.evaluation.best.play import MARGIN, poses, replay
 from salpchain.tasks.config import GOAL_LIMIT
 from salpchain.tasks.reach.task import SCLD
-from studies.best.evolve import Parents, bred, mutated
+from studies.best.evolve import begun, bred, mutated
 from studies.best.phases import parts
 from studies.best.run import swims_of
 
@@ -24,18 +23,10 @@ PLACES = [(2, start) for start in range(6)]
 def generations():
     policy = controller("any-length")
     env = SCLD(policy.card.task(2, tolerance=GOAL_LIMIT - MARGIN, most_steps=40))
-    arrays, rest = eqx.partition(policy, eqx.is_inexact_array)
-    count = len(PLACES)
-    first = Parents(
-        jax.tree.map(lambda x: jnp.broadcast_to(x, (count, *x.shape)), arrays),
-        jnp.full(count, 41),
-        jnp.full(count, jnp.inf),
-        jnp.zeros(count),
-        jnp.zeros((count, 40, 2)),
-    )
+    first, rest = begun(policy, len(PLACES), 40, 2)
     chains, targets = poses(PLACES, 2)
     told = [bred(rest, env, chains, targets, first, jr.key(0))]
-    told[0] = eqx.tree_at(lambda one: one.shake, told[0], jnp.full(count, 0.3))
+    told[0] = eqx.tree_at(lambda one: one.shake, told[0], jnp.full(len(PLACES), 0.3))
     for number in range(1, 9):
         told.append(bred(rest, env, chains, targets, told[-1], jr.key(number)))
     return told

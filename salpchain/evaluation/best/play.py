@@ -72,7 +72,7 @@ def holds(
     """Whether the same thrusts take the target from `WOBBLES` starts moved by `WOBBLE` too.
 
     Joints that chatter and units that touch drive two swims apart that begin a hair apart. What
-    does not hold here would miss on another machine, whose last decimals differ.
+    does not hold here may miss on another machine, whose last decimals differ.
     """
     every = [one for one in places for _ in range(WOBBLES)]
     pushes = [one for one in thrusts for _ in range(WOBBLES)]
