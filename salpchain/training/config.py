@@ -138,6 +138,7 @@ class TrainConfig:
     evaluations: int = 0  # parts of the run, each with an evaluation at its end; 0: one
     name: str = ""  # of the policy; none: by model, graph and lengths
     start: str = ""  # a policy or a run whose weights the run begins with; none: fresh ones
+    fresh_spread: bool = False  # of actions at the start; else the policy's where that is larger
 
     def __post_init__(self) -> None:
         check_kinds(self)

@@ -79,7 +79,8 @@ def new_state(config: TrainConfig, env: Task) -> TrainState:
     fresh, start = fresh_state(config, env), policy_to_start(config)
     if start is None:
         return fresh
-    return eqx.tree_at(lambda x: x.policy, fresh, with_weights(fresh.policy, start))
+    begun = with_weights(fresh.policy, start, config.fresh_spread)
+    return eqx.tree_at(lambda x: x.policy, fresh, begun)
 
 
 def fresh_state(config: TrainConfig, env: Task) -> TrainState:

@@ -59,23 +59,26 @@ def _able(change: Callable[[Policy], Policy], given: Policy, start: str) -> Poli
         raise InputError(f"start {start}: {error}") from None
 
 
-def with_weights(fresh: ActorCritic, policy: Policy) -> ActorCritic:
+def with_weights(fresh: ActorCritic, policy: Policy, fresh_spread: bool = False) -> ActorCritic:
     """The network with the weights of the policy, which observes what the network does.
 
-    The spread of its actions is that of a fresh one: a policy at the end of its training hardly
-    explores. So is its critic, unless both have the same kind, and its memory, which counts for
-    nothing at first, unless both have one. Of two networks by jet both begin with the weights of a
-    policy that has one.
+    The spread of its actions is that of a fresh one, or the policy's where that is larger and
+    `fresh_spread` does not forbid it: some policies hardly explore at the end of their training,
+    and others have means so far beyond the largest thrust that a fresh spread would never turn one
+    round. Its critic is a fresh one unless both have the same kind, and so is its memory, which
+    counts for nothing at first, unless both have one. Of two networks by jet both begin with the
+    weights of a policy that has one.
     """
     given: Any = policy.network
     if isinstance(fresh, ByJet):
         ours = fresh.both_ways, fresh.one_way
         theirs = (given.both_ways, given.one_way) if isinstance(given, ByJet) else (given, given)
-        return ByJet(*map(_with_weights, ours, theirs))
-    return _with_weights(fresh, given)
+        both = zip(ours, theirs, strict=True)
+        return ByJet(*(_with_weights(new, old, fresh_spread) for new, old in both))
+    return _with_weights(fresh, given, fresh_spread)
 
 
-def _with_weights(fresh: Any, given: Any) -> Any:
+def _with_weights(fresh: Any, given: Any, fresh_spread: bool) -> Any:
     """One network with the weights of another, as `with_weights` says."""
     if given.critic_observes != fresh.critic_observes:
         judge = "critic", "score", "critic_trunk", "critic_observes"
@@ -84,4 +87,8 @@ def _with_weights(fresh: Any, given: Any) -> Any:
         given = replace(given, recall=fresh.recall)
     # Copies: a run gives its arrays' memory away, so no two networks may share what they begin with
     weights: Any = jax.tree.map(lambda new, old: jnp.array(old, new.dtype), fresh, given)
-    return eqx.tree_at(lambda network: network.log_std, weights, fresh.log_std)
+    spread = fresh.log_std
+    same = given.log_std.shape == spread.shape  # not if one for each unit, of another length
+    if same and not fresh_spread:
+        spread = jnp.maximum(spread, weights.log_std)
+    return eqx.tree_at(lambda network: network.log_std, weights, spread)

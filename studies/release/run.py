@@ -74,7 +74,7 @@ def any_length_sooner(runs: Path) -> Iterator[TrainConfig]:
     The goal of 2 cm that `any_length` learns with makes chains brake and set themselves straight
     before they cross the judge's 5 cm.
     """
-    haste = {"task.tolerance": 0.04, "ppo.minibatch": 1024}
+    haste = {"task.tolerance": 0.04, "ppo.minibatch": 1024, "fresh_spread": True}
     first = {"start": "any-length-1", "mix.weights": any_length().mix.weights, "steps": 3_000_000}
     first |= {"ppo.learning_rate": 1e-3, "ppo.gamma": 0.997, "task.time_weight": 0.02}
     yield preset(length="2..16", settings={**haste, **first})
@@ -90,6 +90,7 @@ ONE_WAY = {
     "task.tolerance": 0.04,  # m, closer than is asked for
     "ppo.gamma": 0.998,  # jets that push one way must swim away to come back
     "ppo.value_weight": 0.1,
+    "fresh_spread": True,
 }
 
 
@@ -102,6 +103,7 @@ def any_water(runs: Path) -> Iterator[TrainConfig]:
     """
     hardy = {
         "start": "any-length-1",
+        "fresh_spread": True,
         "task.observation": "sea",
         "mix.weights": any_length().mix.weights,
     }

@@ -108,6 +108,7 @@ VALUES = {
     "evaluations": ("4", 4, (), "-1"),
     "name": ("eight", "eight", (), "any-length"),
     "start": ("any-length", "any-length", (), "no-such-run"),
+    "fresh_spread": ("true", True, (), "1"),
 }
 
 

@@ -302,6 +302,24 @@ def test_a_run_with_memory_begins_as_the_policy_without_that_it_starts_from(tmp_
     assert np.abs(after - memory).max() > 0
 
 
+@pytest.mark.parametrize("given, begun", [(-2.0, -0.5), (3.0, 3.0)])
+def test_a_run_begins_with_the_larger_spread_of_the_fresh_network_and_the_policy(given, begun):
+    fresh, other = (actor_critic(jr.key(k), ControlConfig(), 22, 1, 3) for k in (0, 1))
+    other = eqx.tree_at(lambda network: network.log_std, other, jnp.array([given]))
+    start = with_weights(fresh, as_policy(other, PolicyCard(length=3)))
+    assert start.log_std == begun
+    again = with_weights(fresh, as_policy(other, PolicyCard(length=3)), fresh_spread=True)
+    assert again.log_std == -0.5
+    assert (start.actor.layers[0].weight == other.actor.layers[0].weight).all()
+
+
+def test_a_run_begins_with_a_fresh_spread_for_each_unit_where_it_has_another_length():
+    each = ControlConfig(shared_log_std=False)
+    fresh, other = (actor_critic(jr.key(0), each, 22, 1, length) for length in (5, 3))
+    other = eqx.tree_at(lambda network: network.log_std, other, other.log_std + 2.0)
+    assert (with_weights(fresh, as_policy(other, PolicyCard(length=3))).log_std == -0.5).all()
+
+
 def test_memory_needs_units_on_a_graph_and_minibatches_of_whole_rollouts():
     with pytest.raises(InputError, match="an mlp has none"):
         ControlConfig("mlp", memory=True)
