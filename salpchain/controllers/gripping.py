@@ -8,6 +8,7 @@ import equinox as eqx
 from salpchain.controllers.observing import padded
 from salpchain.controllers.policy import Policy, as_policy
 from salpchain.errors import InputError
+from salpchain.networks.actor_critic import START_LOG_STD
 from salpchain.networks.config import SINGLE_LENGTH
 
 HOLD = 1.0  # second number of an action at first (chosen): noise of training seldom lets go
@@ -32,4 +33,6 @@ def gripping(policy: Policy) -> Policy:
     network: Any = padded(policy.network, more)
     last = network.actor.layers[-1]
     network = eqx.tree_at(lambda n: n.actor.layers[-1].bias, network, last.bias.at[1].set(HOLD))
+    spread = network.log_std.at[1].set(START_LOG_STD)
+    network = eqx.tree_at(lambda n: n.log_std, network, spread)
     return as_policy(network, more)

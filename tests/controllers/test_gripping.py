@@ -14,7 +14,7 @@ from salpchain.tasks.config import TaskConfig
 from salpchain.tasks.features import observation_size
 from salpchain.tasks.registry import make_task
 from salpchain.training.settings import preset
-from salpchain.training.start import policy_to_start
+from salpchain.training.start import policy_to_start, with_weights
 
 
 def test_a_policy_that_can_grip_thrusts_as_before_and_holds_on():
@@ -35,7 +35,9 @@ def test_a_run_that_grips_begins_with_a_policy_that_thrusts():
     start = policy_to_start(preset(length="4..6", settings=settings))
     assert start is not None
     assert (start.card.action, start.card.observation) == ("grip", "around")
-    assert start.network.log_std.shape == (2,)
+    fresh = actor_critic(jr.key(0), start.card.control, observation_size("around"), 2, 6)
+    spread = with_weights(fresh, start).log_std
+    assert spread[0] == load("any-length").network.log_std[0] and spread[1] == -0.5
 
 
 @pytest.mark.parametrize(("model", "action"), [("mlp", "thrust"), ("gcn", "pair")])
